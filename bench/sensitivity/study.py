@@ -1,7 +1,7 @@
 """The study: runs of every variant of a tracker over a suite, and the table of changes.
 
 DIR/sequences, DIR/results      as for every suite, so that an interrupted study is resumed
-DIR/sensitivity.md, .csv        the table
+DIR/sensitivity.md, .csv        the table of the latest study, listed in sensitivity.json; none while runs are missing
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,12 @@ from uavbench.bench.sensitivity.variants import Number, Value, changed, values_o
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.style import write_csv
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.files.listed import Listed, Marker
+from uavbench.trajectories.files.origin import owning, refuse_foreign_file
+from uavbench.trajectories.files.writing import in_parts, new_parts, write_text
 
+TABLE = Marker("sensitivity.json", "table of a sensitivity study")
+CSV, MARKDOWN = "sensitivity.csv", "sensitivity.md"
 FACTORS = (0.5, 2.0)
 DEFAULT = "default"
 COLUMNS = ("value", "default", "factor", "set_to", "runs", "runs_changed", "success_change", "median_error_ratio")
@@ -81,12 +85,13 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
         disowned_if_ended(jobs, planned),
         local_pool(workers) as pool,
     ):
+        remove_table(folder)
         outcome = run_graph(jobs, *pool)
         tell(outcome, folder)
         refuse_touched(jobs, planned, outcome.done)
         done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}
         changes = [change(suite, variant, folder, done) for variant in variants]
-        write(changes, folder)
+        say(f"{len(changes)} variants: {write(folder, changes)}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 
@@ -131,14 +136,25 @@ def change(suite: Suite, variant: Variant, folder: Path, done: set[Path]) -> Cha
     return Change(variant, runs, differ, float(np.mean(success)) if success else float("nan"), ratio)
 
 
-def write(changes: list[Change], folder: Path) -> None:
-    """Write the table as CSV, a row per variant, and as Markdown, largest changes first."""
+def remove_table(folder: Path) -> None:
+    """Remove the table of an earlier study, whose runs may be replaced; UserError when it was edited."""
+    listed = Listed.of(folder, TABLE)
+    with owning(folder / name for name in (CSV, MARKDOWN) if listed.holds(folder, name)):
+        for name in (CSV, MARKDOWN):
+            refuse_foreign_file(folder / name, TABLE.kind)
+    with new_parts(folder, TABLE):
+        pass
+
+
+@in_parts(TABLE)
+def write(folder: Path, changes: list[Change]) -> Path:
+    """Write the table as CSV, a row per variant, and as Markdown, largest changes first; the path of the latter."""
     rows = [
         (c.variant.value.path, c.variant.value.default, c.variant.factor, c.variant.set_to, c.runs, c.runs_changed,
          c.success, c.error_ratio)
         for c in changes
     ]  # fmt: skip
-    write_csv(folder / "sensitivity.csv", COLUMNS, rows)
+    write_csv(folder / CSV, COLUMNS, rows)
     still = sorted({c.variant.value.path for c in changes} - {c.variant.value.path for c in changes if c.runs_changed})
     lines = ["| " + " | ".join(HEADS) + " |", "|---|---:|---:|---:|---:|---:|"]
     lines += [
@@ -147,8 +163,8 @@ def write(changes: list[Change], folder: Path) -> None:
         for c in sorted(changes, key=_most)
     ]
     lines += ["", f"No run responds to: {', '.join(f'`{path}`' for path in still) or 'none of them'}.", ""]
-    write_text(folder / "sensitivity.md", "\n".join(lines))
-    say(f"{len(changes)} variants: {folder / 'sensitivity.md'}")
+    write_text(folder / MARKDOWN, "\n".join(lines))
+    return folder / MARKDOWN
 
 
 def _most(c: Change) -> tuple[float, float, str]:

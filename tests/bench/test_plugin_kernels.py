@@ -153,7 +153,9 @@ def ran(folder, way, *more, **variables):
     script.write_text(START + {**WAYS, **OTHERS}[way])
     time.sleep(0.05)  # several ticks of the kernel, in which the start of a process is counted
     command = [sys.executable, str(script), str(out), str(folder.parent / "given.txt"), *more]
-    done = subprocess.run(command, env={**environment(folder), **variables}, cwd=folder.parent, capture_output=True, text=True)
+    done = subprocess.run(
+        command, env={**environment(folder), **variables}, cwd=folder.parent, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     told = json.loads(out.read_text())
     return told["numbers"], told["hits"]

@@ -1,6 +1,7 @@
 """Numbers of a tracker's config are set from a suite, and varied one at a time."""
 
 import csv
+from contextlib import nullcontext
 
 import pytest
 from click.testing import CliRunner
@@ -9,6 +10,7 @@ from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner.graph import Outcome
 from uavbench.bench.sensitivity.variants import changed, values_of
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.errors import UserError
@@ -70,8 +72,63 @@ def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path):
     assert rows[0]["runs_changed"] == "1", "twice as many control points give another pose"
     assert [row["runs_changed"] for row in rows[2:]] == ["0", "0"], "frames of 15 Hz are never slow"
     assert "No run responds to: `config.loss.slow_s`." in (out / "sensitivity.md").read_text()
+    table = {name: (out / name).read_bytes() for name in ("sensitivity.md", "sensitivity.csv")}
     again = CliRunner().invoke(main, command)
-    assert "0 jobs done" in again.output + (again.stderr if again.stderr_bytes else "")
+    assert again.exit_code == 0, again.output
+    assert "0 jobs done" in again.output
+    assert {name: (out / name).read_bytes() for name in table} == table
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    """Runs a study of `lsd` without rendering or tracking anything."""
+    failed = lambda jobs, *pool: Outcome(failed={job.name: "of this test" for job in jobs})  # noqa: E731
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.run_graph", failed)
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.local_pool", lambda workers: nullcontext(()))
+    suite, out = small_suite(tmp_path, '[trackers.lsd]\nkind = "lsd"\n'), tmp_path / "out"
+
+    def run(value="passes"):
+        command = ["sensitivity", str(suite), "--tracker", "lsd", "--value", value, "--out", str(out), "--jobs", "1"]
+        return CliRunner().invoke(main, command)
+
+    return run
+
+
+def test_a_table_is_that_of_the_latest_study_or_of_none(tmp_path, study, monkeypatch):
+    out = tmp_path / "out"
+    assert study().exit_code == 1
+    assert "`passes`" in (out / "sensitivity.md").read_text()
+    assert study("search_px").exit_code == 1
+    assert "`search_px`" in (out / "sensitivity.md").read_text()
+    assert "search_px" in (out / "sensitivity.csv").read_text()
+
+    def ended(*_):
+        raise UserError("an input was written")
+
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.refuse_touched", ended)
+    assert study("passes").exit_code == 2
+    assert not list(out.glob("sensitivity.*v")) and not list(out.glob("*.md")), "no table of other results"
+
+
+@pytest.mark.parametrize("name", ["sensitivity.md", "sensitivity.csv"])
+def test_an_edited_table_is_refused_before_anything_runs(tmp_path, study, monkeypatch, name):
+    path = tmp_path / "out" / name
+    assert study().exit_code == 1
+    path.write_text("notes")
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.run_graph", lambda *_: pytest.fail("ran"))
+    again = study("search_px")
+    assert again.exit_code == 2 and str(path) in again.output, again.output
+    assert path.read_text() == "notes"
+
+
+def test_a_second_study_in_a_folder_in_use_is_refused(tmp_path, study, monkeypatch):
+    second = []
+    monkeypatch.setattr(
+        "uavbench.bench.sensitivity.study.run_graph",
+        lambda jobs, *pool: second.append(study("search_px")) if not second else pytest.fail("two ran at once"),
+    )
+    study()
+    assert second[0].exit_code == 2 and "another uavbench process uses it" in second[0].output
 
 
 @pytest.mark.parametrize(
