@@ -2,6 +2,7 @@
 
 import csv
 import gc
+import io
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -143,7 +144,9 @@ def save_figure(
             write_csv(numbers, columns, rows)
     for suffix, path in zip(suffixes, figures, strict=True):
         with new_file(path, kind=kind, beside=numbers if columns else None) as temporary:
-            figure.savefig(temporary, dpi=PNG_DPI, metadata=NO_METADATA[suffix])
+            drawn = io.BytesIO()  # matplotlib raises something else where the disk of a PDF is full
+            figure.savefig(drawn, format=suffix[1:], dpi=PNG_DPI, metadata=NO_METADATA[suffix])
+            temporary.write_bytes(drawn.getbuffer())
     return [*figures, numbers] if columns else figures
 
 

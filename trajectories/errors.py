@@ -3,9 +3,9 @@
 import errno
 import re
 
-_NAMES = "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
+_NAMES = "ENOSPC EDQUOT EFBIG EIO ESTALE EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
 DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
-"""Errors of a full or read-only disk, of missing permissions, and of invalid names."""
+"""Errors of a full, broken or read-only disk, of missing permissions, and of invalid names."""
 UNSEEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from uavbench.trajectories.errors import DISK_ERRORS
+
 OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
 TEMPORARY = re.compile(r"\..*-uavbench-[0-9a-f]{32}(\..*)?", re.DOTALL)
 LONGEST = 40
@@ -38,7 +40,7 @@ class Temporary:
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Temporary]:
-    """Temporary names next to `path`, removed on exit."""
+    """Temporary names next to `path`, removed on exit; a disk error in the context names the path itself."""
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
     owner = path.with_name(f"{stem}.owner")
@@ -52,6 +54,10 @@ def temporary(path: Path) -> Iterator[Temporary]:
         owner.write_text(text, encoding="ascii")  # file systems without links
     try:
         yield own
+    except OSError as error:
+        if error.errno in DISK_ERRORS:
+            error.filename = str(error.filename or path).replace(str(own.made), str(path))
+        raise
     finally:
         if _remove(own.made) and _remove(own.replaced):
             owner.unlink(missing_ok=True)

@@ -1,0 +1,107 @@
+"""A disk that is full or broken at any moment ends a command with one message, and leaves nothing half-made."""
+
+import errno
+import os
+import resource
+import shutil
+from contextlib import contextmanager
+
+import pytest
+from click.testing import CliRunner
+
+from tests.bench.small_suites import own_images
+from uavbench.bench.cli.main import main
+from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.style import house_style, new_figure, save_figure
+from uavbench.trajectories.files.writing import new_file, new_folder
+
+MOST_CALLS = 10_000
+
+
+@contextmanager
+def files_of_at_most(size):
+    """No file of this process gets larger: a write beyond fails as on a full disk, with another number."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def everything(folder):
+    return sorted(folder.rglob("*"))
+
+
+def failing(number, after):
+    """An `os.fsync` that raises from its call `after` on, and counts its calls."""
+    calls = [0]
+
+    def fsync(handle):
+        calls[0] += 1
+        if calls[0] > after:
+            raise OSError(number, os.strerror(number))
+
+    return fsync, calls
+
+
+COMMANDS = {
+    "export": ["export", str(TRIAL), "--format", "tum", "--out", "{out}/e"],
+    "track": [
+        *("track", "hold", "--images", "{here}/frames", "--model", "{here}/model.obj"),
+        *("--camera", "{here}/camera.toml", "--init", "{here}/init.toml", "--out", "{out}/t"),
+    ],
+}
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+@pytest.mark.parametrize("command", ["export", "track"])
+def test_a_disk_that_fails_at_any_moment_is_told_and_nothing_is_left(tmp_path, monkeypatch, command, number):
+    here, out = tmp_path / "here", tmp_path / "out"
+    here.mkdir()
+    out.mkdir()
+    own_images(here)
+    words = [word.format(here=here, out=out) for word in COMMANDS[command]]
+    left = []
+    for after in range(MOST_CALLS):
+        fsync, calls = failing(number, after)
+        monkeypatch.setattr(os, "fsync", fsync)
+        done = CliRunner().invoke(main, words)
+        if done.exit_code == 0:
+            break
+        assert done.exit_code == 2 and isinstance(done.exception, SystemExit), (after, done.exception)
+        assert os.strerror(number) in done.output and str(out) in done.output, done.output
+        assert "-uavbench-" not in done.output, "a temporary name tells nobody anything"
+        left.append({*everything(out)})
+        shutil.rmtree(out)
+        out.mkdir()
+    assert calls[0] == after > 3
+    whole = {*everything(out)}
+    assert [found for found in left if found] in ([], [whole]), "only the folder above could not be synchronized"
+
+
+@pytest.mark.parametrize("size", [0, 1, 1000, 3000, 10_000])
+def test_a_figure_that_does_not_fit_is_told_by_its_name(tmp_path, size):
+    with house_style():
+        figure = new_figure(2.0)
+        figure.subplots().plot([0, 1], [0, 1])
+        with pytest.raises(OSError) as told, files_of_at_most(size):
+            save_figure(figure, tmp_path / "plot", suffixes=(".pdf", ".png"))
+    assert told.value.errno == errno.EFBIG
+    assert told.value.filename.startswith(str(tmp_path / "plot"))
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_an_error_of_the_disk_names_the_file_and_not_the_temporary_one(tmp_path):
+    with pytest.raises(OSError) as told, new_file(tmp_path / "a.txt") as new, files_of_at_most(10):
+        new.write_text(100 * "x")
+    assert told.value.filename == str(tmp_path / "a.txt")
+    with pytest.raises(OSError) as told, new_folder(tmp_path / "folder") as new:
+        (new / "inner").mkdir()
+        (new / "inner").rename(new / "x" / "y")
+    assert told.value.filename == str(new / "inner"), "no disk error"
+    with pytest.raises(OSError) as told, new_folder(tmp_path / "folder") as new:
+        (new / "b.txt").mkdir()
+        (new / "b.txt").write_text("")
+    assert told.value.filename == str(tmp_path / "folder" / "b.txt")
+    assert everything(tmp_path) == []
