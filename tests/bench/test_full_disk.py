@@ -13,7 +13,8 @@ from tests.bench.small_suites import own_images
 from uavbench.bench.cli.main import main
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.style import house_style, new_figure, save_figure
-from uavbench.trajectories.files.writing import new_file, new_folder
+from uavbench.trajectories.files.listed import Marker
+from uavbench.trajectories.files.writing import new_file, new_folder, new_parts
 
 MOST_CALLS = 10_000
 
@@ -104,4 +105,8 @@ def test_an_error_of_the_disk_names_the_file_and_not_the_temporary_one(tmp_path)
         (new / "b.txt").mkdir()
         (new / "b.txt").write_text("")
     assert told.value.filename == str(tmp_path / "folder" / "b.txt")
+    with pytest.raises(OSError) as told, new_parts(tmp_path, Marker("parts.json", "parts")) as new:
+        (new / "c.txt").mkdir()
+        (new / "c.txt").write_text("")
+    assert told.value.filename == str(tmp_path / "c.txt")
     assert everything(tmp_path) == []

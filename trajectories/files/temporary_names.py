@@ -39,8 +39,8 @@ class Temporary:
 
 
 @contextmanager
-def temporary(path: Path) -> Iterator[Temporary]:
-    """Temporary names next to `path`, removed on exit; a disk error in the context names the path itself."""
+def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
+    """Temporary names next to `path`, removed on exit; a disk error in the context names the path itself, or `told`."""
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
     owner = path.with_name(f"{stem}.owner")
@@ -56,7 +56,7 @@ def temporary(path: Path) -> Iterator[Temporary]:
         yield own
     except OSError as error:
         if error.errno in DISK_ERRORS:
-            error.filename = str(error.filename or path).replace(str(own.made), str(path))
+            error.filename = str(error.filename or told or path).replace(str(own.made), str(told or path))
         raise
     finally:
         if _remove(own.made) and _remove(own.replaced):

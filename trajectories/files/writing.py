@@ -117,7 +117,7 @@ def new_parts(folder: Path, marker: Marker) -> Iterator[Path]:
     if not folder.is_dir():  # a link to a folder may be named
         refuse_no_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    with temporary(folder / Path(marker.name).stem) as own:
+    with temporary(folder / Path(marker.name).stem, folder) as own:
         with _making(own.made):
             yield own.made
         _place(own.made, folder, marker)
