@@ -13,15 +13,23 @@ from uavbench.bench.inputs.elsewhere import of_system
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.trajectories.source_files import file_digest
 
-FOLDERS = ("LD_LIBRARY_PATH", "LIBGL_DRIVERS_PATH", "GBM_BACKENDS_PATH", "__EGL_VENDOR_LIBRARY_DIRS")
-"""Variables that name folders of libraries, separated by colons; an empty name is the current folder."""
+LIBRARY, VENDOR = re.compile(r".*\.so(\.\d[\w.]*)?"), re.compile(r".*\.json")
+"""Names of shared libraries, and of the files that describe a vendor's EGL."""
+FOLDERS = {
+    "LD_LIBRARY_PATH": LIBRARY,
+    "LIBGL_DRIVERS_PATH": LIBRARY,
+    "GBM_BACKENDS_PATH": LIBRARY,
+    "__EGL_VENDOR_LIBRARY_DIRS": VENDOR,
+}
+"""Variables that name folders, separated by colons, and the files that count in them; "" is the current folder.
+
+Importing cv2 adds its own folders and "" to LD_LIBRARY_PATH, which workers and programs inherit.
+"""
 FILES = ("LD_PRELOAD", "LD_AUDIT", "__EGL_VENDOR_LIBRARY_FILENAMES")
 """Variables that name libraries or their descriptions, separated by colons or spaces."""
 APART = re.compile("[: ]+")
 WIDE = "glibc-hwcaps/*/*"
 """Pattern of the libraries for certain processors in a folder of libraries."""
-LIBRARY = re.compile(r".*\.so(\.[\w.]+)?|.*\.json")
-"""Names of shared libraries, and of the descriptions of EGL vendors."""
 SETTINGS = re.compile(
     r"(OPENCV|NUMBA|MESA|GALLIUM|LIBGL|LP|DRI|ST|NIR|__GL|__GLX|__NV|NPY|OPENBLAS|GOTOBLAS|MKL|BLIS)_.+"
     r"|GLIBC_TUNABLES|FREETYPE_PROPERTIES|UAVBENCH_GL"
@@ -36,7 +44,7 @@ SETTINGS_FILES = ("~/.drirc", ".numba_config.yaml")
 def process_environment() -> list[object]:
     """Settings of libraries by name, and the libraries and files that variables name, by content in order of search."""
     settings = sorted((name, value) for name, value in os.environ.items() if _is_setting(name))
-    libraries = [[name, list(map(_form, _libraries(os.environ.get(name, ""))))] for name in FOLDERS]
+    libraries = [[name, list(map(_form, _files_in(os.environ.get(name, ""), kind)))] for name, kind in FOLDERS.items()]
     files = [[name, list(map(_form, map(Path, APART.split(os.environ.get(name, "")))))] for name in FILES]
     own = [_form(Path(os.path.expanduser(name))) for name in SETTINGS_FILES]  # noqa: PTH111, raises nothing
     return [settings, libraries, files, own]
@@ -46,14 +54,14 @@ def _is_setting(name: str) -> bool:
     return bool(SETTINGS.fullmatch(name)) and not WITHOUT_EFFECT.fullmatch(name) and name not in (*FOLDERS, *FILES)
 
 
-def _libraries(folders: str) -> Iterator[Path]:
+def _files_in(folders: str, kind: re.Pattern[str]) -> Iterator[Path]:
     for place in folders.split(os.pathsep) if folders else ():
         folder = Path(place or os.curdir)
         try:
             each = sorted([*folder.iterdir(), *folder.glob(WIDE)])
         except OSError:
             continue
-        yield from (path for path in each if LIBRARY.fullmatch(path.name) and is_file(path))
+        yield from (path for path in each if kind.fullmatch(path.name) and is_file(path))
 
 
 def _form(path: Path) -> list[str]:

@@ -95,11 +95,19 @@ def test_every_library_of_every_folder_counts_in_the_order_of_the_search(monkeyp
     told(other, folder)
     (tmp_path / "libOpenCL.so").symlink_to(folder / "libGL.so.1")
     told(other, folder, "")  # the current folder
-    (other / "README").write_text("no library")
+    for name in ("README", "report.json", "results.so.md"):
+        (tmp_path / name).write_text("no library")
     told(other, folder, "")
     assert len({*hashes}) == 5 and hashes[-1] == hashes[-2]
     told(tmp_path / "not there")
     told("")
+
+
+def test_the_descriptions_of_vendors_of_egl_count(monkeypatch, tmp_path):
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", str(tmp_path))
+    before = code_hash()
+    (tmp_path / "50_mesa.json").write_text("{}")
+    assert code_hash() != before
 
 
 def test_preloaded_libraries_are_separated_by_spaces_or_colons(monkeypatch, folder):
