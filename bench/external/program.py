@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
@@ -58,8 +58,6 @@ class External:
     (`uavbench.bench.external.isolation`).
     """
 
-    entering_variables: ClassVar[tuple[str, ...]] = THREADS
-    """Variables passed on whose values are hashed into every result; paths among the others count by their files."""
     command: Annotated[tuple[str, ...], MinLen(1)]
     mode: Literal["stream", "folder"] = "stream"
     pixels: Literal["bgr", "grey"] = "bgr"
@@ -79,6 +77,11 @@ class External:
         """Files whose content is hashed into every result: the command's, input_files, and the protocol's modules."""
         own = sorted(Path(__file__).parent.glob("*.py"))
         return (*own, *command_files(self.command), *map(Path, self.input_files))
+
+    @property
+    def entering_variables(self) -> tuple[str, ...]:
+        """Variables passed on whose values are hashed into every result; the paths among the others count by files."""
+        return THREADS
 
     @property
     def seen_files(self) -> tuple[Path, ...]:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from uavbench.bench.external.isolation import THREADS
 from uavbench.bench.external.program import External
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
@@ -28,7 +29,7 @@ class ThirdPartyTracker(ABC):
     """
 
     name: ClassVar[str]
-    entering_variables: ClassVar[tuple[str, ...]] = External.entering_variables
+    entering_variables: ClassVar[tuple[str, ...]] = THREADS
     pixels: ClassVar[Literal["bgr", "grey"]] = "grey"
 
     @classmethod
