@@ -113,7 +113,9 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     if sequence.recorded or not isinstance(config, dict):
         raise UserError(f"{path}: has no `config` to build its scene from, as recordings have none; render a sequence")
     if (older := format_of(path, sequence.info)) != FORMAT:
-        raise UserError(f"{path}: is of format {older}, not {FORMAT}: its frames are at other times; render it again")
+        raise UserError(
+            f"{path}: is of format {older}, not {FORMAT}: this version renders other frames; render it again"
+        )
     spec = recorded_spec(config, path)
     if spec.clock != CameraClock():
         raise UserError(f"{path}: its camera has its own `clock`, which twins do not support; render it without")

@@ -41,7 +41,7 @@ class Lighting:
         self._textures[NEAR_UNIT] = self._maps["shadow"].texture
         self.switches.append("SHADOW_MAP")
         if far:
-            self._maps["far"] = ShadowMap(GL, light, far, depth, to_ground=True)
+            self._maps["far"] = ShadowMap(GL, light, far, depth)
             self._textures[FAR_UNIT] = self._maps["far"].texture
             self.switches.append("FAR_SHADOW_MAP")
         if light.clouds is not None:

@@ -93,7 +93,8 @@ uniform float far_spread;
 CLOUD_SHADOW
 #ifdef SHADOW_MAP
 float passes(sampler2DShadow map, vec3 q, float spread) {
-    if (any(lessThan(q, vec3(0.0))) || any(greaterThan(q, vec3(1.0)))) return 1.0;
+    if (any(lessThan(q.xy, vec2(0.0))) || any(greaterThan(q.xy, vec2(1.0)))) return 1.0;
+    q.z = clamp(q.z, 0.0, 1.0);  // what lies deeper than all that casts a shadow is in their shadow, too
     vec2 s = vec2(spread, 0.4 * spread);
     return 0.5 * (texture(map, vec3(q.xy + s, q.z)) + texture(map, vec3(q.xy - s, q.z)));
 }

@@ -38,18 +38,13 @@ def split_by_lamp(part: Part, light: Light) -> list[HalfPart]:
 class ShadowMap:
     """Depth map of the static, shadow-casting parts from the view of the lamp, rendered once.
 
-    to_ground: it reaches to the shadows' far ends on z = 0, which lie deeper than the parts when the lamp is low.
+    It ends at the deepest of these parts; the shaders clamp what lies deeper, such as the ground, to its end.
     """
 
-    def __init__(
-        self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program], to_ground: bool = False
-    ) -> None:
+    def __init__(self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program]) -> None:
         self._gl = GL
         casting = [mesh for mesh in meshes if mesh.part.casts_shadow]
         points = np.concatenate([mesh.part.vertices for mesh in casting]) if casting else np.zeros((1, 3))
-        if to_ground:
-            way = np.array(light.to_lamp)
-            points = np.concatenate([points, points - points[:, 2:] / way[2] * way])
         self.matrix, half = _lamp_view(points, np.array(light.to_lamp))
         self.texel_m = float(2 * max(half[:2]) / SHADOW_SIZE)
         self.spread = float(np.clip(light.softness_m * SHADOW_SIZE / (2 * max(half[:2])), 0.7, 1.2)) / SHADOW_SIZE

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import read_integers, read_numbers
+from uavbench.scenes.dataset.table_files import FORMAT, read_integers, read_numbers
 from uavbench.scenes.dataset.verify import compare, write_manifest
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.generate import generate
@@ -136,7 +136,7 @@ def of_format(number: object, sequence: Sequence, folder: Path) -> Path:
     """A copy that says to be of another format; of format 1 it says nothing."""
     shutil.copytree(sequence.folder, folder)
     info = json.loads((folder / "sequence.json").read_text())
-    assert info.pop("format") == 2
+    assert info.pop("format") == FORMAT
     (folder / "sequence.json").write_text(json.dumps(info if number == 1 else {"format": number, **info}))
     (folder / "manifest.json").unlink()
     write_manifest(folder)
@@ -147,14 +147,21 @@ def test_an_older_sequence_says_why_its_bytes_differ(sequence: Sequence, tmp_pat
     old = of_format(1, sequence, tmp_path / "old")
     assert len(Sequence.load(old)) == len(sequence)
     (problem,) = compare(old, sequence.folder).problems
-    assert problem.startswith("sequence.json: is of format 1, the other of format 2") and "render it again" in problem
+    assert (
+        problem.startswith(f"sequence.json: is of format 1, the other of format {FORMAT}")
+        and "render it again" in problem
+    )
     done = CliRunner().invoke(main, ["twin", str(old), "--out", str(tmp_path / "twin")])
-    assert done.exit_code == 2 and "is of format 1, not 2" in done.output, done.output
+    assert done.exit_code == 2 and f"is of format 1, not {FORMAT}" in done.output, done.output
 
 
 @pytest.mark.parametrize(
     ("number", "told"),
-    [(3, "reads formats 1 to 2; install a later one"), ("2", "format = '2': must be an integer"), (0, "format = 0")],
+    [
+        (FORMAT + 1, f"reads formats 1 to {FORMAT}; install a later one"),
+        ("2", "format = '2': must be an integer"),
+        (0, "format = 0"),
+    ],
 )
 def test_a_format_that_is_not_known_is_refused(sequence: Sequence, tmp_path: Path, number: object, told: str) -> None:
     with pytest.raises(UserError, match=told):

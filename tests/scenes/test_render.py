@@ -5,7 +5,8 @@ import pytest
 
 from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking, white_box
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.renderables import Light, Mover
+from uavbench.scenes.primitives.meshes import panel
+from uavbench.scenes.renderables import Light, Mover, Part
 from uavbench.scenes.rendering.radiance import RENDERED, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.rendering.shadows import split_by_lamp
@@ -108,6 +109,22 @@ def test_a_sheet_throws_no_shadow_on_the_side_that_the_lamp_sees(camera: Camera)
             seen.append(RENDERED[renderer.color(pose, camera)[120, 160, 1]])
     slope = 1 / np.sqrt(1.04)
     assert seen == pytest.approx([0.8 * (0.1 + 0.6 * slope)] * 2, abs=0.05)
+
+
+def test_the_shadow_of_a_tower_reaches_ground_that_lies_deeper_than_all_of_it() -> None:
+    """A tower 2 m high under a lamp at 45 degrees: its shadow is 2 m long, and ground beside or behind that is lit."""
+    lamp = replace(SUN, to_lamp=(1.0, 0.0, 1.0))
+    vertices, triangles = panel((-4.0, -4.0, 0.0), (8.0, 0.0, 0.0), (0.0, 8.0, 0.0), 8.0)[:2]
+    ground = Part(vertices=vertices, triangles=triangles, casts_shadow=False)
+    tower = white_box((0.0, -0.5, 0.0), (0.5, 0.5, 2.0))
+    above, camera = looking((-1.5, -0.01, 6.0), (-1.5, 0.0, 0.0)), Camera(320, 240, 150.0, 150.0, 159.5, 119.5)
+    dark, lit = 0.1, 0.1 + 0.6 / np.sqrt(2)
+    with Renderer((ground, tower), lamp, 320, 240) as renderer:
+        seen = RENDERED[renderer.color(above, camera)[..., 1]]
+    places = {(-0.2, 0.0): dark, (-1.0, 0.4): dark, (-1.9, 0.0): dark, (-2.1, 0.0): lit, (-1.0, 0.6): lit}
+    for (x, y), light in places.items():
+        column, row = np.rint(camera.project(above.transform(np.array([[x, y, 0.0]])))[0]).astype(int)
+        assert seen[row, column] == pytest.approx(light, abs=0.03), (x, y)
 
 
 def test_light_that_is_no_number_or_out_of_range_has_a_code() -> None:
