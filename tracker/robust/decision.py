@@ -142,7 +142,7 @@ class Decider:
         searched = not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
         enough = self.state.holds(found.fit, frame.predicted, searched)
         # After a long frame interval another pose that looks alike may have the usual support.
-        is_sure = enough and found.fit.support >= sure and (found.leads or not slow or not searched)
+        is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
         settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))
         if settled or found.all_done:

@@ -128,22 +128,22 @@ class Relocator:
             work.done += DISTANCE_EVALUATIONS
             candidates = self.score(target, guesses, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
-        compared = self.rivals.fit(sought, ranking, self.tried)
-        alone = ranking.top is sought.first or self.turned.agree(sought, ranking, self.tried)
+        compared = self.rivals.fit(sought, ranking, self.tried) and ranking.top.support >= sought.sure
+        leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
+        if ranking.top is not sought.first:  # compared before the fits beside it, so that each place counts once
+            leads = self.turned.agree(sought, ranking, self.tried) and leads
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
-        compared = compared and ranking.top.support >= sought.sure
-        leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
-        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads and alone)
+        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
     def confirm(self, sought: Sought) -> Relocalized:
         """Compare the given fit with its rivals, the poses at which the structure looks alike."""
         self.forget()
         ranking = Ranking(sought, self.config)
         self.rivals.fit(sought, ranking, self.tried)
-        leads = self.turned.agree(sought, ranking, self.tried) and self.rivals.trail(ranking, self.tried)
+        leads = self.rivals.trail(ranking, self.tried) and self.turned.agree(sought, ranking, self.tried)
         found = Relocalized(ranking.top, ranking.advantage, True, True, leads)
         self.forget()
         return found
