@@ -92,8 +92,14 @@ def draw_error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int
     for name, values in ratios.items():
         known = np.sort(values[np.isfinite(values)])
         share = 100 * np.arange(1, len(known) + 1) / len(values)
-        steps = [*known[:1], *known], [0.0, *share][: len(known) + 1]
-        panel.plot(*steps, drawstyle="steps-post", label=f"{name}: {_median(values)}", **line(colours.get(name, 0)))
+        starts = [0.0] * len(known[:1])  # none where no ratio is known
+        panel.plot(
+            [*known[:1], *known],
+            [*starts, *share],
+            drawstyle="steps-post",
+            label=f"{name}: {_median(values)}",
+            **line(colours.get(name, 0)),
+        )
         rows += [[name, ratio, s / 100] for ratio, s in zip(known.tolist(), share.tolist(), strict=True)]
     panel.axvline(1, color=GROUND_TRUTH, lw=0.7, ls=":")
     logarithmic(panel.xaxis)
