@@ -44,7 +44,8 @@ def speed(only: str, save: Path | None) -> int:
         where = ["-c", os.devnull, f"--rootdir={guard.folder}", "--import-mode=importlib", str(SPEED)]
         command = [sys.executable, "-m", "pytest", *where, *arguments, *(["-k", only] if only else [])]
         found_by = os.pathsep.join(path for path in sys.path if path)
-        done = finished(guard, command, {**os.environ, "PYTHONPATH": found_by})
+        ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+        done = finished(guard, command, {**ours, "PYTHONPATH": found_by})
         try:
             results = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError):

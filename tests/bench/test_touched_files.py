@@ -20,6 +20,7 @@ from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disown
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.render_suite import InProcess
+from uavbench.trajectories import source_files
 from uavbench.trajectories.errors import UserError
 
 PLUGIN = """
@@ -37,6 +38,12 @@ class Mine:
         return Box().build(rng)
 """
 CHANGED = "changed while jobs that use it ran: given.txt; the same command does"
+
+
+@pytest.fixture(autouse=True)
+def _no_files_of_other_tests(monkeypatch):
+    """What other tests of this process digested, and removed with their folders, is no input here."""
+    monkeypatch.setattr(source_files, "_digested", {})
 
 
 @pytest.fixture
