@@ -33,6 +33,16 @@ class FacetTable(NamedTuple):
     outlines: Array
 
 
+class Border(NamedTuple):
+    """Places, 0 .. 1 from a pixel to the next one, where the facet of the one ends and that of the other begins; and
+    the facet between them, -1 for none.
+    """
+
+    ends: float
+    begins: float
+    between: int
+
+
 FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! f2! f3!")
 
 
@@ -76,8 +86,8 @@ def _projected(facets: Any, row: int, corner: int) -> tuple[float, float, float]
 
 
 @compiled
-def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> tuple[float, float, int]:
-    """Where the facet of a pixel, at 0, ends and that of the next one, at 1, begins, and the facet seen between them.
+def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Border:
+    """The border between a pixel and the next one.
 
     here, there: the facets, -1 for the background; axis: 0 for the next pixel in the row, 1 for the one in the column.
     Both ends are 0.5 where the border runs rather along the axis, or the two are one smooth surface.
@@ -88,7 +98,7 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> tu
         near = _nearness(outlines, here, u + 0.5 * along_u, v + 0.5 * along_v)
         far = _nearness(outlines, there, u + 0.5 * along_u, v + 0.5 * along_v)
         if abs(near - far) < SAME_DEPTH * near and _cosine(facets.corners, here, there) > FLAT_COS:
-            return 0.5, 0.5, -1
+            return Border(0.5, 0.5, -1)
     first, first_side, back, second_side = NOWHERE, -1, NOWHERE, -1
     if here >= 0:
         first, first_side = _crossing(outlines, here, u, v, axis, 0)
@@ -96,7 +106,7 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> tu
         back, second_side = _crossing(outlines, there, u, v, axis, 1)
     second = 1.0 - back
     if first_side < 0 and second_side < 0:
-        return 0.5, 0.5, -1
+        return Border(0.5, 0.5, -1)
     of_here = second_side < 0
     if first_side >= 0 and second_side >= 0:
         middle = 0.5 * (first + second)
@@ -105,10 +115,10 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> tu
     row, side, at = (here, first_side, first) if of_here else (there, second_side, second)
     a, b = abs(outlines[row, side, 0]), abs(outlines[row, side, 1])
     if (b > a) if axis == 0 else (a >= b):
-        return 0.5, 0.5, -1
+        return Border(0.5, 0.5, -1)
     between = facets.opposite[row, side]
     if between < 0 or between in (here, there):
-        return at, at, -1
+        return Border(at, at, -1)
     ready(facets, between)
     enters, leaves = _within(outlines, between, u, v, axis)
     for k in range(3):  # the rest of a face of two triangles
@@ -119,8 +129,10 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> tu
             if begins < leaves + STRIP and ends > enters - STRIP:
                 enters, leaves = min(enters, begins), max(leaves, ends)
     if of_here:
-        return (at, min(leaves, 1.0), between) if enters < at + STRIP and leaves > at else (at, at, -1)
-    return (max(enters, 0.0), at, between) if leaves > at - STRIP and enters < at else (at, at, -1)
+        continued = enters < at + STRIP and leaves > at
+        return Border(at, min(leaves, 1.0), between) if continued else Border(at, at, -1)
+    continued = leaves > at - STRIP and enters < at
+    return Border(max(enters, 0.0), at, between) if continued else Border(at, at, -1)
 
 
 @compiled
