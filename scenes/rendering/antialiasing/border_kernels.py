@@ -121,6 +121,8 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Bo
         return Border(at, at, -1)
     ready(facets, between)
     enters, leaves = _within(outlines, between, u, v, axis)
+    if enters >= at + STRIP or leaves <= at - STRIP or (leaves <= at if of_here else enters >= at):
+        return Border(at, at, -1)  # it is behind
     for k in range(3):  # the rest of a face of two triangles
         rest = facets.opposite[between, k]
         if rest >= 0 and rest != row and _cosine(facets.corners, between, rest) > FLAT_COS:
@@ -128,11 +130,7 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Bo
             begins, ends = _within(outlines, rest, u, v, axis)
             if begins < leaves + STRIP and ends > enters - STRIP:
                 enters, leaves = min(enters, begins), max(leaves, ends)
-    if of_here:
-        continued = enters < at + STRIP and leaves > at
-        return Border(at, min(leaves, 1.0), between) if continued else Border(at, at, -1)
-    continued = leaves > at - STRIP and enters < at
-    return Border(max(enters, 0.0), at, between) if continued else Border(at, at, -1)
+    return Border(at, min(leaves, 1.0), between) if of_here else Border(max(enters, 0.0), at, between)
 
 
 @compiled
