@@ -32,7 +32,7 @@ WIDE = "glibc-hwcaps/*/*"
 """Pattern of the libraries for certain processors in a folder of libraries."""
 SETTINGS = re.compile(
     r"(OPENCV|NUMBA|MESA|GALLIUM|LIBGL|LP|DRI|ST|NIR|__GL|__GLX|__NV|NPY|OPENBLAS|GOTOBLAS|MKL|BLIS)_.+"
-    r"|GLIBC_TUNABLES|FREETYPE_PROPERTIES|UAVBENCH_GL"
+    r"|GLIBC_TUNABLES|FREETYPE_PROPERTIES"
 )
 """Names of the settings of OpenCV, numba, Mesa, NVIDIA's driver, NumPy, BLAS, glibc and FreeType."""
 WITHOUT_EFFECT = re.compile(r".*(_NUM_THREADS|_CACHE|_LOG).*")
