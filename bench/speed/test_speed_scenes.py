@@ -34,7 +34,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.sensors.sensor import sample_stamps
 from uavbench.trajectories.simulation.flight import fly
 
-ASKED_FPS = {"box": 25.0, "bridge": 12.0}
+ASKED_FPS = {"box": 60.0, "bridge": 25.0}
 ALL_ANNOTATIONS = ("depth", "mask", "edges")
 FRAMES = 40
 by_processor_time = pytest.mark.benchmark(timer=time.process_time)

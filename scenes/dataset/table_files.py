@@ -21,7 +21,7 @@ FORMAT = 3
 """Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
 
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
-3: shadows outdoors reach ground that lies deeper, seen from the sun, than all that casts them.
+3: edges by the outlines of triangles; shadows on all ground outdoors.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

@@ -99,34 +99,39 @@ class Mesh:
 
 
 class Target:
-    """Framebuffer with depth: a multisample texture of `samples` per pixel, or, for 0, a plain texture.
+    """Framebuffer with depth and a texture of 8-bit colour, and, if numbered, one of two floats per pixel.
 
     RuntimeError when the framebuffer is incomplete.
     """
 
-    def __init__(self, GL: Any, width: int, height: int, samples: int, storage: int) -> None:
-        self._gl = GL
+    def __init__(self, GL: Any, width: int, height: int, *, numbered: bool = False) -> None:
+        self._gl, self.numbered = GL, numbered
         self.id = GL.glGenFramebuffers(1)
-        self.texture = GL.glGenTextures(1)
         self._depth = GL.glGenRenderbuffers(1)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.id)
-        kind = GL.GL_TEXTURE_2D_MULTISAMPLE if samples else GL.GL_TEXTURE_2D
-        GL.glBindTexture(kind, self.texture)
-        if samples:
-            GL.glTexImage2DMultisample(kind, samples, storage, width, height, True)
-        else:
-            GL.glTexImage2D(kind, 0, storage, width, height, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, None)
-        GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_COLOR_ATTACHMENT0, kind, self.texture, 0)
+        storages = [GL.GL_RGBA8, *([GL.GL_RG32F] * numbered)]
+        self._textures = [int(GL.glGenTextures(1)) for _ in storages]
+        places = [GL.GL_COLOR_ATTACHMENT0 + k for k in range(len(storages))]
+        for texture, storage, place in zip(self._textures, storages, places, strict=True):
+            GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+            GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, storage, width, height, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, None)
+            GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, place, GL.GL_TEXTURE_2D, texture, 0)
+        GL.glDrawBuffers(len(places), places)
         GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, self._depth)
-        GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, GL.GL_DEPTH_COMPONENT24, width, height)
+        GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, GL.GL_DEPTH_COMPONENT24, width, height)
         GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_RENDERBUFFER, self._depth)
         if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
-            raise RuntimeError(f"OpenGL cannot draw into {width} x {height} px with {samples} samples")
+            raise RuntimeError(f"OpenGL cannot draw into {width} x {height} px")
+
+    @property
+    def texture(self) -> int:
+        """GL name of the texture of colours."""
+        return self._textures[0]
 
     def delete(self) -> None:
         """Release the GPU resources."""
         self._gl.glDeleteFramebuffers(1, [self.id])
-        self._gl.glDeleteTextures([self.texture])
+        self._gl.glDeleteTextures(self._textures)
         self._gl.glDeleteRenderbuffers(1, [self._depth])
 
 

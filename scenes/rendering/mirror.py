@@ -18,7 +18,7 @@ class Mirror:
     def __init__(self, GL: Any, width: int, height: int, level_m: float) -> None:
         self._gl, self.level_m = GL, level_m
         self.width, self.height = max(1, width // SHARE), max(1, height // SHARE)
-        self.target = Target(GL, self.width, self.height, 0, GL.GL_RGBA8)
+        self.target = Target(GL, self.width, self.height)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self.target.texture)
         for key, value in (
             (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),

@@ -5,13 +5,10 @@ coordinates.
 """
 
 import ctypes
-from collections.abc import Callable
-from functools import cached_property
 from itertools import chain
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +16,9 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import Light, Mover, Part, Texture
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
+from uavbench.scenes.rendering.antialiasing.outlines import Moment, Outlines
 from uavbench.scenes.rendering.camera_simulator import Geometry
-from uavbench.scenes.rendering.facets import NONE, DrawnPart, Facets
+from uavbench.scenes.rendering.facets import DrawnPart, Facets
 from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
 from uavbench.scenes.rendering.lighting import Lighting
 from uavbench.scenes.rendering.mirror import Mirror, mirror_level_m
@@ -28,11 +26,18 @@ from uavbench.scenes.rendering.shadows import split_by_lamp
 from uavbench.trajectories.pose import Array, Pose
 
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
-SAMPLES = 4
 NEAR_M, FAR_M = 0.05, 2000.0
 MIRROR_UNIT, FILM_UNIT, SOIL_UNIT = 2, 5, 6
 """Texture units of a mirrored image, wet ground and dirt; `lighting` has further ones, unit 0 is the surface's."""
 WHITE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
+
+
+class DrawnMesh(NamedTuple):
+    """A mesh, its motion, None for a static one, and the number of the part that it is of."""
+
+    mesh: Mesh
+    mover: Mover | None
+    part: int
 
 
 class Renderer:
@@ -54,26 +59,35 @@ class Renderer:
         self.width, self.height = width, height
         self._textures: dict[int, int] = {}
         self._kept: list[Texture] = []
-        self._meshes: list[tuple[Mesh, Mover | None]] = [
-            (self._mesh(p, lit), None) for part in parts for p, lit in split_by_lamp(part, light)
+        self._meshes = [
+            DrawnMesh(self._mesh(half, lit), None, number)
+            for number, part in enumerate(parts)
+            for half, lit in split_by_lamp(part, light)
         ]
-        self._meshes += [(self._mesh(mover.part, True), mover) for mover in movers]
-        self._meshes.sort(key=lambda item: item[0].cutout)
+        self._meshes += [
+            DrawnMesh(self._mesh(mover.part, True), mover, len(parts) + k) for k, mover in enumerate(movers)
+        ]
+        self._meshes.sort(key=lambda item: item.mesh.cutout)
+        self.facets = Facets.of(
+            [DrawnPart(mesh.part, mover) for mesh, mover, _ in self._meshes], has_sky=sky is not None
+        )
+        instances = [mesh.part.instance for mesh, _, _ in self._meshes]
+        self._outlines = Outlines(self.facets, [number for _, _, number in self._meshes], instances)
         boxes = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in parts]
         self._boxes = np.array(boxes).reshape(-1, 2, 3)
         self._sky = None if sky is None else self._texture(sky, mipmap=False)
-        self._samples = Target(GL, width, height, SAMPLES, GL.GL_RGBA8)
-        self._plain = Target(GL, width, height, 0, GL.GL_RGBA8)
-        self._floats = Target(GL, width, height, 0, GL.GL_RG32F)
+        self._target = Target(GL, width, height, numbered=True)
+        self._color = np.empty((height, width, 4), dtype=np.uint8)
+        self._numbers = np.empty((height, width, 2), dtype=np.float32)
+        self._seen: Moment | None = None
         self._no_vertices = GL.glGenVertexArrays(1)
         self._depth = self._programs(shaders.DEPTH)
-        self._light = Lighting(GL, light, [mesh for mesh, mover in self._meshes if mover is None], self._depth)
-        levels = sorted({level for mesh, _ in self._meshes if (level := mirror_level_m(mesh.part)) is not None})
+        self._light = Lighting(GL, light, [mesh for mesh, mover, _ in self._meshes if mover is None], self._depth)
+        levels = sorted({level for mesh, _, _ in self._meshes if (level := mirror_level_m(mesh.part)) is not None})
         self._mirrors = {level: Mirror(GL, width, height, level) for level in levels}
         self._lit = {look: self._programs(*look) for look in sorted(self._looks(bool(levels)))}
         self._geometry = self._programs(shaders.GEOMETRY)
         self._sky_program = Program(GL, shaders.SKY_VERTEX, shaders.SKY)
-        self._resolve = Program(GL, shaders.WHOLE_IMAGE, shaders.RESOLVE)
         for program in chain.from_iterable(self._lit.values()):
             self._set_light(program)
 
@@ -93,17 +107,15 @@ class Renderer:
             mirror.begin()
             self._draw(view_projection @ mirror.turned_over, mirror.eye(eye), time_s, mirror)
             mirror.end()
-        self._begin(self._samples)
-        GL.glEnable(GL.GL_MULTISAMPLE)
+        self._begin(self._target)
+        for program in chain.from_iterable(self._lit.values()):
+            program.use()
+            program.vector("depth_row", cam_from_world.matrix[2])
         self._draw(view_projection, eye, time_s)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain.id)
-        GL.glDisable(GL.GL_DEPTH_TEST)
-        self._resolve.use()
-        GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, self._samples.texture)
-        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
-        image = np.empty((self.height, self.width, 4), dtype=np.uint8)
-        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, image)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
+        self._read(0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, self._color)
+        self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
+        self._seen = Moment(cam_from_world, camera, time_s)
+        return self._outlines.image(self._color, self._numbers, self._seen)
 
     def _draw(self, view_projection: Array, eye: Array, time_s: float, into: Mirror | None = None) -> None:
         """Draw all meshes, then the sky, into a mirror or the image; water is not mirrored."""
@@ -117,7 +129,7 @@ class Renderer:
             program.vector("eye", eye)
             self._light.move(program, time_s)
         self._light.bind()
-        for mesh, mover in self._meshes:
+        for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True):
             if mesh.part.ripples is not None and into is not None:
                 continue
             program = self._lit[self._look(mesh, into is not None)][mesh.cutout]
@@ -125,6 +137,7 @@ class Renderer:
             self._bind(mesh.part, program, into is not None)
             program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
             program.number("roughness", mesh.part.roughness)
+            program.number("first_facet", first + 1.0)
             mesh.draw()
         GL.glBindVertexArray(self._no_vertices)
         if self._sky is not None:
@@ -138,58 +151,32 @@ class Renderer:
 
     def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
         """Depth in metres and instances (h, w) at the pixel centres of a pinhole camera of this renderer's size."""
-
-        def values(number: int, mesh: Mesh, program: Program) -> None:
-            program.vector("depth_row", cam_from_world.matrix[2])
-            program.number("instance", float(mesh.part.instance))
-
-        both = self._two_numbers(self._geometry, cam_from_world, camera, time_s, values)
-        depth, instances = cv2.split(both)
-        return Geometry(np.asarray(depth, dtype=np.float32), instances.astype(np.uint8))
+        self._look_at(cam_from_world, camera, time_s)
+        return self._outlines.geometry(self._numbers)
 
     def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int64]:
         """Rows (h, w) of `facets` visible at the pixel centres; NONE for background or sky."""
+        self._look_at(cam_from_world, camera, time_s)
+        return self._numbers[::-1, :, 1].astype(np.int64) - 1
 
-        def values(number: int, mesh: Mesh, program: Program) -> None:
-            program.number("mesh", float(number + 1))
-
-        both = self._two_numbers(self._facet_programs, cam_from_world, camera, time_s, values)
-        mesh, triangle = (both[..., k].astype(np.int64) for k in (0, 1))
-        return np.where(mesh > 0, np.concatenate([[0], self.facets.first])[mesh] + triangle, NONE)
-
-    @cached_property
-    def facets(self) -> Facets:
-        """All triangles that are drawn."""
-        drawn = [DrawnPart(mesh.part, mover) for mesh, mover in self._meshes]
-        return Facets.of(drawn, has_sky=self._sky is not None)
-
-    @cached_property
-    def _facet_programs(self) -> tuple[Program, Program]:
-        return self._programs(shaders.FACETS)
-
-    def _two_numbers(
-        self,
-        programs: tuple[Program, Program],
-        cam_from_world: Pose,
-        camera: Camera,
-        time_s: float,
-        values: Callable[[int, Mesh, Program], None],
-    ) -> NDArray[np.float32]:
-        """Image (h, w, 2) of programs with two outputs per pixel; values sets the uniforms of each mesh."""
-        GL = self._gl
-        self._begin(self._floats)
-        for program in programs:
+    def _look_at(self, cam_from_world: Pose, camera: Camera, time_s: float) -> None:
+        """Render depths and facets, unless those of this view are there."""
+        GL, moment = self._gl, Moment(cam_from_world, camera, time_s)
+        if moment.same(self._seen):
+            return
+        self._begin(self._target)
+        for program in self._geometry:
             program.use()
             program.matrix("view_projection", _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix)
-        for number, (mesh, mover) in enumerate(self._meshes):
-            program = programs[mesh.cutout]
+            program.vector("depth_row", cam_from_world.matrix[2])
+        for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True):
+            program = self._geometry[mesh.cutout]
             program.use()
             program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
-            values(number, mesh, program)
+            program.number("first_facet", first + 1.0)
             mesh.draw()
-        both = np.empty((self.height, self.width, 2), dtype=np.float32)
-        self._read(GL.GL_RG, GL.GL_FLOAT, both)
-        return np.asarray(cv2.flip(both, 0), dtype=np.float32)
+        self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
+        self._seen = moment
 
     def nearest_m(self, eye: Array) -> float:
         """Lower bound of the distance in metres from a point (3,) in the world to all static parts."""
@@ -201,20 +188,16 @@ class Renderer:
     def close(self) -> None:
         """Release all GPU resources of this renderer."""
         GL = self._gl
-        for mesh, _ in self._meshes:
+        for mesh, _, _ in self._meshes:
             mesh.primitive.delete()
-        for target in (self._samples, self._plain, self._floats):
-            target.delete()
+        self._target.delete()
         self._light.delete()
         for mirror in self._mirrors.values():
             mirror.delete()
         if self._textures:
             GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteVertexArrays(1, [self._no_vertices])
-        pairs = [*self._lit.values(), self._geometry, self._depth, (self._sky_program, self._resolve)]
-        if "_facet_programs" in self.__dict__:
-            pairs.append(self._facet_programs)
-        for program in chain.from_iterable(pairs):
+        for program in chain(*self._lit.values(), self._geometry, self._depth, [self._sky_program]):
             GL.glDeleteProgram(program.id)
         self._meshes, self._textures = [], {}
 
@@ -227,7 +210,8 @@ class Renderer:
         GL.glClearColor(0.0, 0.0, 0.0, 0.0)
         GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
 
-    def _read(self, layout: int, kind: int, out: NDArray[Any]) -> None:
+    def _read(self, output: int, layout: int, kind: int, out: NDArray[Any]) -> None:
+        self._gl.glReadBuffer(self._gl.GL_COLOR_ATTACHMENT0 + output)
         self._gl.glPixelStorei(self._gl.GL_PACK_ALIGNMENT, 1)
         self._gl.glReadPixels(0, 0, self.width, self.height, layout, kind, out.ctypes.data_as(ctypes.c_void_p))
 
@@ -239,7 +223,7 @@ class Renderer:
 
     def _looks(self, mirrored: bool) -> set[tuple[str, ...]]:
         """Fragment shader and switches of every lit program that the meshes need."""
-        meshes = [mesh for mesh, _ in self._meshes]
+        meshes = [mesh for mesh, _, _ in self._meshes]
         looks = {self._look(mesh, False) for mesh in meshes}
         return looks | {self._look(mesh, True) for mesh in meshes if mirrored and mesh.part.ripples is None}
 

@@ -1,8 +1,4 @@
-"""GLSL shaders: lit surfaces, water, sky, shadow depth, multisample resolve, geometry, facets.
-
-Shading is linear; images are square-root coded, so that 8 bits suffice. The resolve averages samples in linear light,
-flips rows to start from the top, and swaps channels to BGR, so that the read-back needs no further conversion.
-"""
+"""GLSL shaders of surfaces, water, sky, shadow depth and geometry. Shading is linear, images are square-root coded."""
 
 import math
 
@@ -74,7 +70,8 @@ SWITCHES
 in vec3 at, facing;
 in vec4 shade;
 in vec2 st;
-out vec4 color;
+layout(location = 0) out vec4 color;
+SEEN
 uniform sampler2D surface;
 uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
 uniform float roughness, haze;
@@ -170,6 +167,7 @@ void main() {
     seen = mix(haze_color, seen, exp(-haze * away));
 #endif
     color = vec4(sqrt(seen), 1.0);
+    SET_SEEN
 }
 """
 
@@ -178,7 +176,8 @@ SWITCHES
 in vec3 at, facing;
 in vec4 shade;
 in vec2 st;
-out vec4 color;
+layout(location = 0) out vec4 color;
+SEEN
 uniform sampler2D surface, mirror;
 uniform mat4 view_projection;
 uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
@@ -208,6 +207,7 @@ void main() {
     light = mix(haze_color, light, exp(-haze * away));
 #endif
     color = vec4(sqrt(light), 1.0);
+    SET_SEEN
 }
 """
 
@@ -224,12 +224,14 @@ void main() {
 
 SKY = """#version 330 core
 in vec3 ray;
-out vec4 color;
+layout(location = 0) out vec4 color;
+layout(location = 1) out vec2 depth_and_facet;
 uniform sampler2D surface;
 void main() {
     vec3 d = normalize(ray);
     vec2 at = vec2(atan(d.y, d.x) / 6.28318530718 + 0.5, 1.0 - acos(d.z) / 3.14159265359);
     color = vec4(textureLod(surface, at, 0.0).rgb, 1.0);
+    depth_and_facet = vec2(0.0);
 }
 """
 
@@ -244,54 +246,23 @@ void main() {
 }
 """
 
-WHOLE_IMAGE = """#version 330 core
-void main() { gl_Position = vec4(vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0, 0.5, 1.0); }
-"""
-
-RESOLVE = """#version 330 core
-out vec4 color;
-uniform sampler2DMS samples;
-void main() {
-    ivec2 p = ivec2(gl_FragCoord.xy);
-    p.y = textureSize(samples).y - 1 - p.y;
-    vec3 sum = vec3(0.0);
-    for (int i = 0; i < 4; i++) {
-        vec3 c = texelFetch(samples, p, i).rgb;
-        sum += c * c;
-    }
-    color = vec4(sqrt(sum.bgr * 0.25), 1.0);
-}
-"""
-
 GEOMETRY = """#version 330 core
 SWITCHES
 in vec3 at;
 in vec2 st;
-layout(location = 0) out vec2 depth_and_instance;
+SEEN
 uniform sampler2D surface;
-uniform vec4 depth_row;
-uniform float instance;
 void main() {
 #ifdef CUTOUT
     if (texture(surface, st).a < 0.5) discard;
 #endif
-    depth_and_instance = vec2(dot(depth_row, vec4(at, 1.0)), instance);
+    SET_SEEN
 }
 """
 
-FACETS = """#version 330 core
-SWITCHES
-in vec2 st;
-layout(location = 0) out vec2 mesh_and_triangle;
-uniform sampler2D surface;
-uniform float mesh;
-void main() {
-#ifdef CUTOUT
-    if (texture(surface, st).a < 0.5) discard;
-#endif
-    mesh_and_triangle = vec2(mesh, float(gl_PrimitiveID));
-}
-"""
+SEEN = "layout(location = 1) out vec2 depth_and_facet; uniform vec4 depth_row; uniform float first_facet;"
+SET_SEEN = "depth_and_facet = vec2(dot(depth_row, vec4(at, 1.0)), first_facet + float(gl_PrimitiveID));"
+"""Second output of every program: depth in metres, and the row of `Facets` plus 1."""
 
 
 RIPPLE_SLOPE = 0.004
@@ -321,7 +292,7 @@ NEARER = 0.6
 
 def with_switches(source: str, *switches: str) -> str:
     """The source with these preprocessor macros defined."""
-    source = source.replace("CLOUD_SHADOW", CLOUD_SHADOW)
+    source = source.replace("CLOUD_SHADOW", CLOUD_SHADOW).replace("SET_SEEN", SET_SEEN).replace("SEEN", SEEN)
     source = source.replace("WET_GAIN", f"{WET_GAIN:.6f}").replace("WET_INNER", f"{WET_INNER:.6f}")
     source = source.replace("RIPPLE_SLOPE", str(RIPPLE_SLOPE)).replace("NEARER", str(NEARER))
     return source.replace("SWITCHES", "\n".join(f"#define {name}" for name in switches))

@@ -1,0 +1,195 @@
+"""Kernels of the border between two pixels: where the outlines of the facets that they show pass between them."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uavbench.scenes.rendering.facets import Rows
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+FLAT_COS = 0.999
+"""Cosine of the angle between adjacent facets of a part (2.6 degrees) above which they are one smooth surface."""
+SAME_DEPTH = 2e-3
+"""Relative difference of depth below which two facets of a part are adjacent."""
+SNAP = 2 / 256
+"""How far beyond a pixel an outline may pass that is taken for before it, px: rasterizers snap corners to 1/256 px."""
+STRIP = 0.05
+"""Gap between two facets, px, below which the one continues the other: a shared side is the same to rounding."""
+NOWHERE = 2.0
+"""Place of an outline that does not pass between two pixels, which are at 0 and 1."""
+
+
+class FacetTable(NamedTuple):
+    """Facets in view: corners (n, 3, 3) in the world, m; part (n,) of each; opposite (n, 3), the facet beyond the side
+    opposite each corner, -1 for none; image_from_world (3, 4) in px; outlines (n, 4, 3), scratch, NaN where not known.
+    """
+
+    corners: Array
+    part: Rows
+    opposite: Rows
+    image_from_world: Array
+    outlines: Array
+
+
+class Border(NamedTuple):
+    """Places, 0 .. 1 from a pixel to the next one, where the facet of the one ends and that of the other begins; and
+    the facet between them, -1 for none.
+    """
+
+    ends: float
+    begins: float
+    between: int
+
+
+FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! f2! f3!")
+
+
+@compiled
+def ready(facets: Any, row: int) -> None:
+    """Fill in the outline of a facet unless it is there."""
+    if row >= 0 and np.isnan(facets.outlines[row, 3, 2]):
+        _outline(facets, row)
+
+
+@compiled
+def _outline(facets: Any, row: int) -> None:
+    """Set a facet's outline (4, 3): lines through its sides in the image, positive inside, and inverse depth, 1/m.
+
+    In homogeneous coordinates (Olano & Greer 1997), so that corners may lie behind the camera.
+    """
+    out = facets.outlines
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        ax, ay, az = _projected(facets, row, a)
+        bx, by, bz = _projected(facets, row, b)
+        out[row, i, 0], out[row, i, 1], out[row, i, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    x, y, z = _projected(facets, row, 0)
+    volume = x * out[row, 0, 0] + y * out[row, 0, 1] + z * out[row, 0, 2]
+    for k in range(3):
+        whole = out[row, 0, k] + out[row, 1, k] + out[row, 2, k]
+        out[row, 3, k] = whole / volume if volume != 0.0 else 0.0
+        if volume < 0.0:
+            for i in range(3):
+                out[row, i, k] = -out[row, i, k]
+
+
+@compiled
+def _projected(facets: Any, row: int, corner: int) -> tuple[float, float, float]:
+    """Homogeneous place of a facet's corner in the image."""
+    corners, matrix = facets.corners, facets.image_from_world
+    x, y, z = corners[row, corner, 0], corners[row, corner, 1], corners[row, corner, 2]
+    u = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z + matrix[0, 3]
+    v = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z + matrix[1, 3]
+    return u, v, matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z + matrix[2, 3]
+
+
+@compiled
+def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Border:
+    """The border between a pixel and the next one.
+
+    here, there: the facets, -1 for the background; axis: 0 for the next pixel in the row, 1 for the one in the column.
+    Both ends are 0.5 where the border runs rather along the axis, or the two are one smooth surface.
+    """
+    outlines, part = facets.outlines, facets.part
+    along_u, along_v = 1.0 - axis, float(axis)
+    if here >= 0 and there >= 0 and part[here] == part[there]:
+        near = _nearness(outlines, here, u + 0.5 * along_u, v + 0.5 * along_v)
+        far = _nearness(outlines, there, u + 0.5 * along_u, v + 0.5 * along_v)
+        if abs(near - far) < SAME_DEPTH * near and _cosine(facets.corners, here, there) > FLAT_COS:
+            return Border(0.5, 0.5, -1)
+    first, first_side, back, second_side = NOWHERE, -1, NOWHERE, -1
+    if here >= 0:
+        first, first_side = _crossing(outlines, here, u, v, axis, 0)
+    if there >= 0:
+        back, second_side = _crossing(outlines, there, u, v, axis, 1)
+    second = 1.0 - back
+    if first_side < 0 and second_side < 0:
+        return Border(0.5, 0.5, -1)
+    of_here = second_side < 0
+    if first_side >= 0 and second_side >= 0:
+        middle = 0.5 * (first + second)
+        place_u, place_v = u + middle * along_u, v + middle * along_v
+        of_here = _nearness(outlines, here, place_u, place_v) >= _nearness(outlines, there, place_u, place_v)
+    row, side, at = (here, first_side, first) if of_here else (there, second_side, second)
+    a, b = abs(outlines[row, side, 0]), abs(outlines[row, side, 1])
+    if (b > a) if axis == 0 else (a >= b):
+        return Border(0.5, 0.5, -1)
+    between = facets.opposite[row, side]
+    if between < 0 or between in (here, there):
+        return Border(at, at, -1)
+    ready(facets, between)
+    enters, leaves = _within(outlines, between, u, v, axis)
+    if enters >= at + STRIP or leaves <= at - STRIP or (leaves <= at if of_here else enters >= at):
+        return Border(at, at, -1)  # it is behind
+    for k in range(3):  # the rest of a face of two triangles
+        rest = facets.opposite[between, k]
+        if rest >= 0 and rest != row and _cosine(facets.corners, between, rest) > FLAT_COS:
+            ready(facets, rest)
+            begins, ends = _within(outlines, rest, u, v, axis)
+            if begins < leaves + STRIP and ends > enters - STRIP:
+                enters, leaves = min(enters, begins), max(leaves, ends)
+    return Border(at, min(leaves, 1.0), between) if of_here else Border(max(enters, 0.0), at, between)
+
+
+@compiled
+def _crossing(outlines: Any, row: int, u: int, v: int, axis: int, end: int) -> tuple[float, int]:
+    """Where a way from a pixel to the next one (end 0), or back (end 1), leaves a facet, 0 .. 1, and by which side.
+
+    NOWHERE and -1 when the facet covers both.
+    """
+    at, side = NOWHERE, -1
+    for i in range(3):
+        inside = outlines[row, i, 0] * u + outlines[row, i, 1] * v + outlines[row, i, 2]
+        step = outlines[row, i, axis]
+        if end == 1:
+            inside += step
+            step = -step
+        if step < 0.0 and inside <= -(1.0 + SNAP) * step:
+            place = max(inside, 0.0) / -step
+            if place < at:
+                at, side = min(place, 1.0), i
+    return at, side
+
+
+@compiled
+def _within(outlines: Any, row: int, u: int, v: int, axis: int) -> tuple[float, float]:
+    """Where a way from a pixel, at 0, to the next one, at 1, enters and leaves a facet; 1e9 and -1e9 if never."""
+    enters, leaves = -1e9, 1e9
+    for i in range(3):
+        inside = outlines[row, i, 0] * u + outlines[row, i, 1] * v + outlines[row, i, 2]
+        step = outlines[row, i, axis]
+        if step > 0.0:
+            enters = max(enters, -inside / step)
+        elif step < 0.0:
+            leaves = min(leaves, -inside / step)
+        elif inside < 0.0:
+            return 1e9, -1e9
+    return (enters, leaves) if enters < leaves else (1e9, -1e9)
+
+
+@compiled
+def _nearness(outlines: Any, row: int, u: float, v: float) -> float:
+    """Inverse depth, 1/m, of the plane of a facet at a place in the image."""
+    nearness: float = outlines[row, 3, 0] * u + outlines[row, 3, 1] * v + outlines[row, 3, 2]
+    return nearness
+
+
+@compiled
+def _cosine(corners: Any, one: int, other: int) -> float:
+    """Cosine of the angle between the normals of two facets."""
+    ax, ay, az, a = _normal(corners, one)
+    bx, by, bz, b = _normal(corners, other)
+    size = np.sqrt(a * b)
+    return (ax * bx + ay * by + az * bz) / size if size > 0.0 else 1.0
+
+
+@compiled
+def _normal(corners: Any, row: int) -> tuple[float, float, float, float]:
+    """Normal of a facet, of any length, and its squared length."""
+    x0, y0, z0 = corners[row, 0, 0], corners[row, 0, 1], corners[row, 0, 2]
+    ax, ay, az = corners[row, 1, 0] - x0, corners[row, 1, 1] - y0, corners[row, 1, 2] - z0
+    bx, by, bz = corners[row, 2, 0] - x0, corners[row, 2, 1] - y0, corners[row, 2, 2] - z0
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return x, y, z, x * x + y * y + z * z

@@ -1,0 +1,83 @@
+"""The facets of a renderer as the antialiasing needs them: places at a time, parts, instances."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.antialiasing.border_kernels import FacetTable
+from uavbench.scenes.rendering.antialiasing.coverage import antialias, depth_and_instances
+from uavbench.scenes.rendering.camera_simulator import Geometry
+from uavbench.scenes.rendering.facets import Facets
+from uavbench.trajectories.pose import Array, Pose
+
+SAME_M = 1e-5
+"""Distance below which corners of facets are one point, metres."""
+
+
+class Moment(NamedTuple):
+    """What a view depends on: `cam_from_world`, the camera, and the time in seconds."""
+
+    cam_from_world: Pose
+    camera: Camera
+    time_s: float
+
+    def same(self, other: "Moment | None") -> bool:
+        """Whether the other is the same view."""
+        if other is None or self[1:] != other[1:]:
+            return False
+        return bool(np.array_equal(self.cam_from_world.matrix, other.cam_from_world.matrix))
+
+
+class Outlines:
+    """Facets of drawn meshes, with the number of each mesh's part, and its instance."""
+
+    def __init__(self, facets: Facets, parts: Sequence[int], instances: Sequence[int]) -> None:
+        counts = np.diff(facets.first, append=len(facets.corners_m))
+        self._facets, self._seen = facets, np.empty(len(facets.corners_m) + 1, dtype=np.int64)
+        corners, part = facets.corners_m.copy(), np.repeat(np.array(parts, dtype=np.int64), counts)
+        scratch = np.empty((len(corners), 4, 3))
+        self._table = FacetTable(corners, part, opposite_facets(corners, part), np.zeros((3, 4)), scratch)
+        self._instance = np.concatenate([[0], np.repeat(instances, counts)]).astype(np.uint8)
+
+    def image(self, color: NDArray[np.uint8], numbers: NDArray[np.float32], moment: Moment) -> NDArray[np.uint8]:
+        """Antialiased image (h, w, 3) BGR of what was rendered at pixel centres, see `antialias`."""
+        table, camera = self._table, moment.camera
+        for rows, mover in self._facets.movers:
+            moved = mover.world_from_part(moment.time_s).transform(self._facets.corners_m[rows].reshape(-1, 3))
+            table.corners[rows] = moved.reshape(-1, 3, 3)
+        K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+        table.image_from_world[:] = K @ moment.cam_from_world.matrix[:3]
+        out = np.empty((*color.shape[:2], 3), dtype=np.uint8)
+        antialias(color, numbers, table, self._seen, out)
+        return out
+
+    def geometry(self, numbers: NDArray[np.float32]) -> Geometry:
+        """Depth and instances (h, w) of what was rendered at pixel centres."""
+        size = numbers.shape[:2]
+        seen = Geometry(np.empty(size, dtype=np.float32), np.empty(size, dtype=np.uint8))
+        depth_and_instances(numbers, self._instance, seen.depth_m, seen.instances)
+        return seen
+
+
+def opposite_facets(corners: Array, part: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Facets (n, 3) of the same part beyond the side that is opposite each corner, -1 where there is not exactly one.
+
+    Corners (n, 3, 3) are the same point when they agree to SAME_M; sides are compared by hashes of their ends.
+    """
+    units = np.rint(corners / SAME_M).astype(np.int64).view(np.uint64)
+    point = (units * np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)).sum(
+        axis=2
+    )
+    point ^= point >> np.uint64(31)
+    point *= np.uint64(0xD6E8FEB86659FD93)
+    side = np.roll(point, -1, axis=1) + np.roll(point, -2, axis=1) + part[:, None].astype(np.uint64)
+    order = np.argsort(side.reshape(-1), kind="stable")
+    ordered = side.reshape(-1)[order]
+    same = np.concatenate([[False], ordered[1:] == ordered[:-1], [False]])
+    first = np.flatnonzero(~same[:-2] & same[1:-1] & ~same[2:]) if len(order) > 1 else np.zeros(0, dtype=np.int64)
+    out = np.full(side.size, -1, dtype=np.int64)
+    out[order[first]], out[order[first + 1]] = order[first + 1] // 3, order[first] // 3
+    return out.reshape(-1, 3)
