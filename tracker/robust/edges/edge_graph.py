@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
-from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles
+from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
@@ -23,7 +23,8 @@ class EdgeMap(NamedTuple):
     none; planes (f, 4) with outward normal n and offset d, n . p = d on the face; triangles for hidden-line removal;
     extent (8, 3) the corners of the bounding box; smooth (e,) whether both faces belong to one rounded surface, so that
     the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
-    surface.
+    surface; in_front (e,) the triangle that last occluded a point of the edge, which is tried first: it saves time and
+    changes nothing else.
     """
 
     ends: Array
@@ -34,6 +35,7 @@ class EdgeMap(NamedTuple):
     extent: Array
     smooth: NDArray[np.bool_]
     rounded: NDArray[np.bool_]
+    in_front: Indices
 
     @classmethod
     def of(cls, structure: Structure, rounded_deg: float) -> "EdgeMap":
@@ -51,10 +53,11 @@ class EdgeMap(NamedTuple):
             np.array(list(product(*structure.bounds.T))),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
+            np.full(len(structure.edges), NONE),
         )
 
 
-EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1!", triangles=TRIANGLES)
+EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! i1!", triangles=TRIANGLES)
 
 
 def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:

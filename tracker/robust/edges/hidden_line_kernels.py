@@ -1,4 +1,4 @@
-"""Compiled hidden-line removal: whether a triangle of the structure occludes a point of an edge."""
+"""Compiled hidden-line removal: which triangle of the structure occludes a point of an edge."""
 
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ from uavbench.trajectories.pose import Array
 MARGIN = 5e-4
 """Tolerance: a triangle closer to the point than this fraction of the point's distance does not occlude it."""
 STACK = 64
+NONE = -1
+"""In place of a triangle: none occludes the point."""
 
 
 class Triangles(NamedTuple):
@@ -40,13 +42,20 @@ class Triangles(NamedTuple):
 TRIANGLES = named_tuple(Triangles, "f3! i1! f3! i2!")
 
 
-@compiled("f1 f1 triangles i0 i0", inner=True, triangles=TRIANGLES)
-def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
-    """Whether a triangle occludes a point (3,) of the edge between face_a and face_b from the viewpoint `eye` (3,)."""
+@compiled("f1 f1 triangles i0 i0 i0", inner=True, triangles=TRIANGLES)
+def occluder(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
+    """A triangle that occludes a point (3,) of the edge between face_a and face_b from `eye` (3,), or NONE.
+
+    likely: a triangle that is tried first, or NONE; neighbouring points mostly have the same one.
+    """
     corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes
     ray = np.empty(3)
     for k in range(3):
         ray[k] = point[k] - eye[k]
+    if likely != NONE and face[likely] != face_a and face[likely] != face_b:
+        s = ray_triangle(eye, ray, corners[likely, 0], corners[likely, 1], corners[likely, 2])
+        if 1e-9 < s < 1.0 - MARGIN:
+            return likely
     tiny = 1e-300  # keeps 0 * inf out of the slab test below
     i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
     stack = np.empty(STACK, np.int64)
@@ -73,5 +82,11 @@ def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: 
                 continue
             s = ray_triangle(eye, ray, corners[m, 0], corners[m, 1], corners[m, 2])
             if 1e-9 < s < 1.0 - MARGIN:
-                return True
-    return False
+                return m
+    return NONE
+
+
+@compiled("f1 f1 triangles i0 i0", inner=True, triangles=TRIANGLES)
+def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
+    """Whether a triangle occludes a point (3,) of the edge between face_a and face_b from the viewpoint `eye` (3,)."""
+    return occluder(eye, point, triangles, face_a, face_b, NONE) != NONE

@@ -23,7 +23,7 @@ from uavbench.tracker.robust.edges.columns import (
     V,
 )
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
-from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
@@ -124,7 +124,15 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
 
     Their spacing in the image is about spacing_px, larger if that would give many more than `most`.
     """
-    ends, faces, size, R, t, lens = edges.ends, edges.faces, view.size_px, view.R, view.t, view.lens
+    ends, faces, in_front, size, R, t, lens = (
+        edges.ends,
+        edges.faces,
+        edges.in_front,
+        view.size_px,
+        view.R,
+        view.t,
+        view.lens,
+    )
     eye, triangles, rounded = camera_centre(R, t), edges.triangles, edges.rounded
     seen = visible_parts(edges, view)
     visible, part, depth, length = seen.faces, seen.part, seen.depth, seen.length_px
@@ -156,7 +164,11 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                 u, v = project(c[0], c[1], c[2], lens)
                 if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
                     continue
-                if n == len(points) or hidden(eye, q, triangles, faces[e, 0], faces[e, 1]):
+                if n == len(points):
+                    continue
+                found = occluder(eye, q, triangles, faces[e, 0], faces[e, 1], in_front[e])
+                if found != NONE:
+                    in_front[e] = found
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
