@@ -113,9 +113,13 @@ def test_a_right_first_pose_is_kept_and_a_wrong_one_is_searched(flight):
     poses, images = flight
     wrong = Pose.exp([0.03, -0.02, 0.03, 0.04, -0.05, 0.03]) @ poses[0]
     for first, searched in ((poses[0], False), (wrong, True)):
-        result = started(first).track(images[0], 0)
-        assert ("relocalize" in result.stage_ms) == searched
-        assert pose_error(result.cam_from_world, poses[0])[0] < 0.01
+        run = started(first)
+        for i in range(3):
+            result = run.track(images[i], i * STEP_NS)
+            assert ("relocalize" in result.stage_ms) == searched
+            if result.status == "ok":
+                break
+        assert pose_error(result.cam_from_world, poses[i])[0] < 0.01
         assert np.linalg.eigvalsh(result.covariance).min() > 0
 
 

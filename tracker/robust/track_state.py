@@ -52,7 +52,8 @@ class TrackState:
 
     def holds(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
         """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt."""
-        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= 0.0:
+        most = self.config.initialization.log10_false_alarms if searched and self.is_first else 0.0
+        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= most:
             return False
         return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted)
 
