@@ -10,6 +10,9 @@ import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from tests.bench.test_bags import bag, refused, rows, tum, written  # noqa: F401
+from uavbench.tracker.images.bag_images import bag_rate_hz
+from uavbench.trajectories.bags.reading import BagTopic
+from uavbench.trajectories.errors import UserError
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA = """
@@ -136,7 +139,7 @@ def string(text):
 def chunked(count, *, twice, together):
     """An MCAP file whose index has so many chunks of 100 MB each, the same one or others, at one time or in turn."""
     size = 100 << 20
-    squeezed = zstandard.ZstdCompressor().compress(bytes(size))
+    squeezed = zstandard.ZstdCompressor().compress(record(15, bytes(size - 9)))
     data = MAGIC + record(1, string(b"ros2") + string(b""))
     index = record(3, struct.pack("<H", 1) + string(b"nav_msgs/msg/Odometry") + string(b"ros2msg") + string(b""))
     index += record(4, struct.pack("<HH", 1, 1) + string(b"/odom") + string(b"cdr") + string(b""))
@@ -163,6 +166,121 @@ def chunked(count, *, twice, together):
 def test_chunks_that_fill_the_memory_together_are_refused(tmp_path, tum, how, told):  # noqa: F811
     (tmp_path / "bomb.mcap").write_bytes(chunked(11, **how))
     assert told in refused("evaluate", f"{tmp_path / 'bomb.mcap'}:/odom", tum)
+
+
+BEGIN = MAGIC + record(1, string(b"ros2") + string(b""))
+END = record(2, struct.pack("<QQI", 0, 0, 0)) + MAGIC
+TOPIC = record(3, struct.pack("<H", 1) + string(b"nav_msgs/msg/Odometry") + string(b"ros2msg") + string(b""))
+TOPIC += record(4, struct.pack("<HH", 1, 1) + string(b"/odom") + string(b"cdr") + string(b""))
+HOLE = 40 << 30
+
+
+def claims(kind, size):
+    """The beginning of a record of any size."""
+    return bytes([kind]) + struct.pack("<Q", size)
+
+
+CHUNK = struct.pack("<QQQI", 0, 9, 100, 0) + string(b"zstd")
+
+
+@pytest.mark.parametrize(
+    ("begin", "told"),
+    [
+        (MAGIC + claims(1, HOLE - 100), "a record claims 42,949,672,860 bytes"),
+        (BEGIN + claims(3, HOLE - 200), "a record claims"),
+        (BEGIN + TOPIC + claims(6, HOLE - 400), "a record claims"),
+        (BEGIN + TOPIC, "an empty record at byte"),
+        (BEGIN + TOPIC + claims(128, 7), "an empty record at byte"),
+    ],
+)
+def test_a_file_with_a_hole_fills_neither_memory_nor_time(tmp_path, tum, begin, told):  # noqa: F811
+    path = tmp_path / "hole.mcap"
+    with path.open("wb") as file:
+        file.write(begin)
+        file.truncate(HOLE)
+        file.seek(HOLE)
+        file.write(END)
+    assert told in refused("evaluate", f"{path}:/odom", tum)
+
+
+def test_an_indexed_chunk_that_claims_more_than_there_is_memory_is_refused(tmp_path, tum):  # noqa: F811
+    path = tmp_path / "hole.mcap"
+    data = BEGIN + claims(6, HOLE) + CHUNK + struct.pack("<Q", HOLE)
+    where, length = len(BEGIN), HOLE
+    index = TOPIC + record(
+        8,
+        struct.pack("<QQQQ", 0, 9, where, length)
+        + string(struct.pack("<HQ", 1, where + length))
+        + struct.pack("<Q", 31)
+        + string(b"zstd")
+        + struct.pack("<QQ", HOLE, 100),
+    )
+    with path.open("wb") as file:
+        file.write(data)
+        file.truncate(2 * HOLE)
+        file.seek(2 * HOLE - len(index))
+        file.write(index + record(2, struct.pack("<QQI", 2 * HOLE - len(index), 0, 0)) + MAGIC)
+    assert "bytes" in refused("evaluate", f"{path}:/odom", tum)
+
+
+def test_a_topic_whose_messages_the_index_alone_has_is_refused(tmp_path, tum):  # noqa: F811
+    """Chunks that end before they begin: none of their messages counts."""
+    path = tmp_path / "empty.mcap"
+    forwards, backwards = struct.pack("<QQ", 0, 9), struct.pack("<QQ", 9, 0)
+    path.write_bytes(chunked(1, twice=False, together=True).replace(forwards, backwards, 2))  # in chunk and index
+    assert "it holds none" in refused("evaluate", f"{path}:/odom", tum)
+
+
+@pytest.mark.parametrize(
+    ("whole", "damaged"),
+    [
+        ("name: /odom", "name: [1]"),
+        ("type: nav_msgs/msg/Odometry", "type: [1]"),
+        *(("message_count: 40", f"message_count: {count}") for count in ("x", "", "-1", ".nan", "1" + 400 * "0")),
+        *(("nanoseconds: ", f"nanoseconds: {more}") for more in ("x", 400 * "9")),
+    ],
+)
+@pytest.mark.parametrize("command", ["evaluate", "track"])
+def test_metadata_of_wrong_types_are_a_users_mistake(tmp_path, tum, whole, damaged, command):  # noqa: F811
+    folder = written(tmp_path / "bag", {"/odom": rows()})
+    text = (folder / "metadata.yaml").read_text()
+    assert whole in text
+    (folder / "metadata.yaml").write_text(text.replace(whole, damaged))
+    if command == "evaluate":
+        assert "not a readable bag" in refused("evaluate", f"{folder}:/odom", tum)
+    else:
+        with pytest.raises(UserError, match="not a readable bag"):
+            bag_rate_hz(BagTopic(folder, "/odom"))
+
+
+def fold(path, levels):
+    """Make the table of messages a tree of a few pages whose every branch is the next one: 120 to the power of rows."""
+    with sqlite3.connect(path) as opened:
+        opened.execute("DROP INDEX timestamp_idx")
+        (root,) = opened.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'").fetchone()
+        (size,) = opened.execute("PRAGMA page_size").fetchone()
+    data = bytearray(path.read_bytes())
+    top = data[(root - 1) * size : root * size]
+    below = int.from_bytes(top[8:12], "big") if top[0] == 5 else root  # an interior page names its last child
+    for level in range(levels):
+        page = bytearray(struct.pack(">BHHHBI", 5, 0, 120, size - 600, 0, below).ljust(size, b"\0"))
+        for k in range(120):
+            page[12 + 2 * k : 14 + 2 * k] = struct.pack(">H", size - 5 * (k + 1))
+            page[size - 5 * (k + 1) : size - 5 * k] = struct.pack(">IB", below, k + 1)
+        if level < levels - 1:
+            data += page
+            below = len(data) // size
+        else:
+            data[(root - 1) * size : root * size] = page
+    data[28:32] = struct.pack(">I", len(data) // size)
+    path.write_bytes(data)
+
+
+def test_a_database_whose_pages_point_to_each_other_is_refused(tmp_path, tum):  # noqa: F811
+    folder = written(tmp_path / "bag", {"/odom": rows() * 5}, StoragePlugin.SQLITE3)
+    fold(folder / "bag.db3", 5)
+    for given in (folder, folder / "bag.db3"):
+        assert "not a readable bag" in refused("evaluate", f"{given}:/odom", tum)
 
 
 def test_a_message_that_is_no_image_has_a_size(tmp_path, tum):  # noqa: F811

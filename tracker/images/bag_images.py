@@ -62,7 +62,7 @@ def bag_rate_hz(source: BagTopic) -> float:
     with opened_bag(source.bag) as bag:
         bag.check(source.topic, (RAW, COMPRESSED))
         count = bag.topics[source.topic].messages
-        span_s = float(bag.reader.duration) / 1e9
+        span_s = bag.duration_ns / 1e9
         return (count - 1) / span_s if count > 1 and span_s > 0 else 0.0
 
 

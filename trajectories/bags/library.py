@@ -1,6 +1,8 @@
 """The optional library rosbags, with decompression limited to the declared sizes and YAML without aliases."""
 
 import importlib
+import struct
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -31,10 +33,12 @@ def reader() -> Any:
     """The reader class of rosbags with limits: MCAP chunks are decompressed up to their declared size, files never.
 
     rosbags itself decompresses a whole chunk before it compares sizes, and a compressed file to disk before it is
-    checked; and it expands YAML aliases, with which a small file can expand without bound.
+    checked; it allocates whatever a record claims; and it expands YAML aliases, with which a small file can expand
+    without bound.
     """
     storage, folder, metadata = (rosbags(f"rosbag2.{name}") for name in ("storage_mcap", "reader", "metadata"))
     storage.DECOMPRESSORS.update({"": _stored, "zstd": _zstd, "lz4": _lz4})
+    storage.read_exact, storage.skip_sized = _of_at_most(storage.read_exact), _of_content(storage)
     folder.zstd = _NoFile
     folder.YAML = metadata.YAML = _plain_yaml()
     return rosbags("rosbag2").Reader
@@ -75,6 +79,26 @@ def _plain_yaml() -> Any:
     return Plain
 
 
+def _of_at_most(read_exact: Callable[[Any, int], bytes]) -> Callable[[Any, int], bytes]:
+    """Reads the bytes of a record, of which a file with holes can claim any number."""
+    return lambda file, size: read_exact(file, _checked(size))
+
+
+def _of_content(storage: Any) -> Callable[[Any], None]:
+    """Skips a record of an unknown kind; one without content is refused: a hole in a file is read as billions of them.
+
+    Every record of the format has content.
+    """
+
+    def skip_sized(file: Any) -> None:
+        (size,) = struct.unpack("<Q", storage.read_exact(file, 8))
+        if not size:
+            raise ValueError(f"an empty record at byte {file.tell() - 9:,}")
+        storage.skip_exact(file, size)
+
+    return skip_sized
+
+
 def _stored(data: bytes, size: int) -> bytes:
     return data
 
@@ -91,5 +115,5 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 def _checked(size: int) -> int:
     if size > MOST_CHUNK_BYTES:
-        raise ValueError(f"a chunk claims {size:,} bytes; at most {MOST_CHUNK_BYTES:,} are read")
+        raise ValueError(f"a record claims {size:,} bytes; at most {MOST_CHUNK_BYTES:,} are read")
     return size

@@ -1,7 +1,7 @@
 """Guarded reading of ROS 2 bags: files are checked before they are opened, and every error names its cause."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,10 +43,11 @@ class Topic:
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """An open bag: its topics by name, and their messages in the order of recording."""
+    """An open bag: its topics by name, its duration in ns, and its messages in the order of recording."""
 
     path: Path
     topics: dict[str, Topic]
+    duration_ns: int
     reader: Any
 
     def of_types(self, types: tuple[str, ...]) -> list[str]:
@@ -67,6 +68,8 @@ class Bag:
             raise
         except Exception as error:  # deserializing a damaged message may raise anything
             raise UserError(f"{self.path}: message {number} of {topic} is damaged: {_why(error)}") from None
+        if not number:
+            raise UserError(f"{self.path}: its index lists messages of {topic}, and it holds none; `mcap recover` it")
 
     def _check_size(self, topic: str, number: int, size: int) -> None:
         most = IMAGE.most_bytes if self.topics[topic].type in IMAGES else MOST_MESSAGE_BYTES
@@ -129,20 +132,20 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     """An open bag; UserError naming the file when it is not a bag, truncated, too large, or compressed."""
     _check_files(path)
     bag = reader()(path)
-    try:
-        bag.open()
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from None
-    except Exception as error:  # reading a damaged index may raise anything
-        raise UserError(
-            f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or `mcap "
-            "recover` may repair it"
-        ) from None
-    try:
-        check_chunks(path, bag)
-        yield Bag(path, _topics(path, bag), bag)
-    finally:
-        bag.close()
+    with ExitStack() as stack:
+        try:
+            bag.open()
+            stack.callback(bag.close)
+            check_chunks(bag)
+            found = Bag(path, _topics(bag), _whole(bag.duration), bag)
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from None
+        except Exception as error:  # a damaged index, or metadata of wrong types, may raise anything
+            raise UserError(
+                f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or "
+                "`mcap recover` may repair it"
+            ) from None
+        yield found
 
 
 def stamp_ns(header: Any) -> int:
@@ -150,19 +153,26 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NS + int(header.stamp.nanosec)
 
 
-def _topics(path: Path, bag: Any) -> dict[str, Topic]:
+def _topics(bag: Any) -> dict[str, Topic]:
     if bag.compression_mode:
         raise UserError(
-            f"{path}: its messages or files are compressed ({bag.compression_format} by {bag.compression_mode}), which "
+            f"its messages or files are compressed ({bag.compression_format} by {bag.compression_mode}), which "
             "is not supported; use `ros2 bag convert` to remove it, or .mcap with its own compression"
         )
     for each in bag.connections:
         if each.ext.serialization_format != "cdr":
             raise UserError(
-                f"{path}: {each.topic} is serialized as {each.ext.serialization_format!r}; only CDR, the format of "
+                f"{each.topic} is serialized as {each.ext.serialization_format!r}; only CDR, the format of "
                 "ROS 2, is supported"
             )
-    return {name: Topic(topic.msgtype or "", topic.msgcount) for name, topic in bag.topics.items()}
+    return {str(name): Topic(str(topic.msgtype or ""), _whole(topic.msgcount)) for name, topic in bag.topics.items()}
+
+
+def _whole(value: Any) -> int:
+    """A count or duration in ns as metadata give it; ValueError when it is not a whole number of 63 bits."""
+    if not (isinstance(value, int) and 0 <= value < 1 << 63):
+        raise ValueError("one of its counts or durations is not a whole number")
+    return value
 
 
 def _check_files(path: Path) -> None:

@@ -17,7 +17,10 @@ UNTRUSTED = "which recordings do not have; do not trust this file"
 
 
 def check_database(path: Path) -> None:
-    """Raise UserError unless a database has plain tables only: views and generated columns can be of any size."""
+    """Raise UserError unless a database is sound and has plain tables only.
+
+    Views and generated columns can be of any size, and so can a table of a few pages that point to each other.
+    """
     if found := [letter for letter in OF_A_URI if letter in str(path)]:
         raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file or its folder")
     try:
@@ -28,16 +31,19 @@ def check_database(path: Path) -> None:
                 hidden = database.execute("SELECT count(*) FROM pragma_table_xinfo(?) WHERE hidden > 1", (name,))
                 if kind == "table" and hidden.fetchone()[0]:
                     raise UserError(f"{path}: its table {name!r} has a generated column, {UNTRUSTED}")
+            (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
+            if found != "ok":
+                raise UserError(f"{path}: not a readable bag: {' '.join(found.split())}; `sqlite3` may `.recover` it")
     except sqlite3.Error as error:
         raise UserError(f"{path}: not a readable bag: {error}") from None
 
 
-def check_chunks(path: Path, bag: Any) -> None:
+def check_chunks(bag: Any) -> None:
     """UserError when an open MCAP file lists a chunk twice, or simultaneous chunks that exceed MOST_CHUNK_BYTES."""
     for storage in getattr(bag.storage, "storages", [bag.storage]):
         chunks = getattr(storage, "chunks", [])
         if len({chunk.chunk_start_offset for chunk in chunks}) < len(chunks):
-            raise UserError(f"{path}: lists a chunk twice, {UNTRUSTED}")
+            raise UserError(f"lists a chunk twice, {UNTRUSTED}")
         changes = [(chunk.message_start_time, chunk.uncompressed_size) for chunk in chunks]
         changes += [(chunk.message_end_time + 1, -chunk.uncompressed_size) for chunk in chunks]
         held = 0
@@ -45,6 +51,6 @@ def check_chunks(path: Path, bag: Any) -> None:
             held += change
             if held > MOST_CHUNK_BYTES:
                 raise UserError(
-                    f"{path}: its simultaneous chunks declare more than {MOST_CHUNK_BYTES:,} bytes in total; rewrite "
+                    f"its simultaneous chunks declare more than {MOST_CHUNK_BYTES:,} bytes in total; rewrite "
                     "it in time order"
                 )

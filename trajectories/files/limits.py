@@ -40,8 +40,8 @@ MOST_PIXELS = 160_000_000
 """Pixels of one image, or of all textures of a model: the largest aerial cameras have 151 million."""
 BAG_METADATA = FileLimit("bag's metadata file", 1 * MB, "is it the right file?")
 """A hundred topics in a thousand files are 300 kB, and YAML is read slowly."""
-MOST_CHUNK_BYTES = 1024 * MB
-"""Decompressed size of simultaneous chunks of an MCAP file: writers close a chunk after 1 to 16 MB."""
+MOST_CHUNK_BYTES = IMAGE.most_bytes
+"""Decompressed size of simultaneous chunks of an MCAP file: writers close a chunk after 1 to 16 MB, or one image."""
 MOST_MESSAGE_BYTES = 16 * MB
 """A message other than an image: 200,000 transforms, or the point cloud of one lidar revolution."""
 MOST_POSES = 8_000_000
