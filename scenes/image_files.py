@@ -1,5 +1,9 @@
-"""Guarded reading of untrusted images and videos: type and size are checked before they are decoded."""
+"""Guarded reading of untrusted images and videos: type and size are checked before they are decoded.
 
+And the end of a video of ours: whether all of it was written.
+"""
+
+import errno
 import io
 import warnings
 from pathlib import Path
@@ -95,6 +99,18 @@ def open_video(path: Path) -> cv2.VideoCapture:
         raise UserError(f"{path}: not a readable video")
     check_pixels(path, int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     return video
+
+
+def finish_video(writer: cv2.VideoWriter, path: Path, frames: int) -> None:
+    """Close a video of so many frames; OSError when fewer can be read again, since OpenCV tells of no full disk."""
+    is_open = writer.isOpened()
+    writer.release()
+    if not (is_open and frames):
+        return
+    video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    read = sum(1 for _ in iter(video.grab, False))
+    if read < frames or video.get(cv2.CAP_PROP_FRAME_COUNT) <= 0:  # the number comes from what is written last
+        raise OSError(errno.ENOSPC, f"only {read} of {frames} frames of the video could be written", str(path))
 
 
 def _too_many(size: str) -> str:

@@ -18,6 +18,7 @@ from uavbench.bench.filming.outside_view import OutsideView
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.figures.space import limits
 from uavbench.reports.figures.tracker_pictures import View, draw, write_text_on
+from uavbench.scenes.image_files import finish_video
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
@@ -43,7 +44,7 @@ def write_video(
     """Write VIDEO and MARKER, which holds the content hash, into a folder; `flight` is the folder of the flight.
 
     on_step(frames done, all) reports progress. UserError when the flight has no frames or its files cannot be read, the
-    folder holds something else, or OpenCV cannot write the codec.
+    folder holds something else, or OpenCV cannot write the codec; OSError when the disk is full.
     """
     flown = Flown.load(flight)
     frames = flown.results.stamps_ns.tolist()
@@ -67,6 +68,7 @@ def write_video(
                 seen = cv2.resize(with_overlay(flown, frame, image), (width, height), interpolation=cv2.INTER_AREA)
                 writer.write(np.hstack([seen, outside.at(frame)]))
                 on_step(frame + 1, len(frames))
+            finish_video(writer, new / VIDEO, len(frames))
         finally:
             writer.release()
         write_text(new / MARKER.name, json.dumps({"content_hash": content_hash}) + "\n")

@@ -50,7 +50,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             "axes_per_m": cloud_axes(light, light.clouds).tolist(),
         }
     if scene.sky is not None:
-        cv2.imwrite(str(folder / "sky.png"), scene.sky[:, ::-1, ::-1])  # Blender's azimuth runs the other way
+        _write_png(folder / "sky.png", scene.sky[:, ::-1, ::-1])  # Blender's azimuth runs the other way
         about |= {"sky": "sky.png", "sky_gain": (np.array(light.above) / sky_light(scene.sky)).tolist()}
     (folder / "scene.json").write_text(json.dumps(about), encoding="utf-8")
 
@@ -130,6 +130,10 @@ def _write_texture(texture: Texture, folder: Path, textures: dict[int, str]) -> 
     if id(texture) not in textures:
         name = f"texture_{len(textures):03d}.png"
         order = [2, 1, 0, 3][: texture.shape[2]]
-        cv2.imwrite(str(folder / name), np.ascontiguousarray(texture[..., order]))
+        _write_png(folder / name, texture[..., order])
         textures[id(texture)] = name
     return textures[id(texture)]
+
+
+def _write_png(path: Path, image: Texture) -> None:
+    path.write_bytes(cv2.imencode(".png", np.ascontiguousarray(image))[1].tobytes())  # imwrite tells of no full disk

@@ -20,6 +20,7 @@ from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
 from uavbench.scenes.exports.ros.bag import BagExport
 from uavbench.scenes.exports.shown_images import Shown, png
+from uavbench.scenes.image_files import finish_video
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import new_folder, write_text
@@ -180,14 +181,15 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     size = (sequence.camera.width, sequence.camera.height)
     rate = float(sequence.info.get("rate_hz", 15.0))
     fourcc = cv2.VideoWriter.fourcc(*"vp09")
-    writers = [cv2.VideoWriter(str(folder / name), fourcc, rate, size) for name in ("video.mp4", "overlay.mp4")]
+    paths = [folder / name for name in ("video.mp4", "overlay.mp4")]
+    writers = [cv2.VideoWriter(str(path), fourcc, rate, size) for path in paths]
     for frame in range(len(sequence)):
         image = shown.image(frame)
         writers[0].write(image)
         writers[1].write(edges_on(image.copy(), shown.camera, sequence, frame))
         on_frame(frame + 1, len(sequence))
-    for writer in writers:
-        writer.release()
+    for writer, path in zip(writers, paths, strict=True):
+        finish_video(writer, path, len(sequence))
     how = "undistorted" if shown.undistorted else "distorted as they are"
     files = {"video.mp4": f"the images, {how}", "overlay.mp4": "the same with the model's visible edges"}
     limits = (

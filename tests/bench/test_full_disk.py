@@ -6,6 +6,8 @@ import resource
 import shutil
 from contextlib import contextmanager
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -13,6 +15,7 @@ from tests.bench.small_suites import own_images
 from uavbench.bench.cli.main import main
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.style import house_style, new_figure, save_figure
+from uavbench.scenes.image_files import finish_video
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts
 
@@ -79,6 +82,48 @@ def test_a_disk_that_fails_at_any_moment_is_told_and_nothing_is_left(tmp_path, m
     assert calls[0] == after > 3
     whole = {*everything(out)}
     assert [found for found in left if found] in ([], [whole]), "only the folder above could not be synchronized"
+
+
+CODECS = [("mp4v", "overlay.mp4"), ("VP80", "flight.webm"), ("vp09", "video.mp4")]
+FRAMES = 30
+
+
+def film(path, codec):
+    """A video of noise, as the commands write theirs."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 15.0, (96, 64))
+    for image in np.random.default_rng(0).integers(0, 255, (FRAMES, 64, 96, 3), dtype=np.uint8):
+        writer.write(image)
+    finish_video(writer, path, FRAMES)
+
+
+@pytest.mark.parametrize(("codec", "name"), CODECS)
+def test_a_video_that_was_cut_short_anywhere_is_told(tmp_path, codec, name):
+    """OpenCV itself writes what fits, and tells nothing."""
+    path = tmp_path / name
+    film(path, codec)
+    whole = path.stat().st_size
+    for size in (3000, whole // 3, whole - 2000, whole - 100):
+        path.unlink()
+        with pytest.raises(OSError, match=f"of {FRAMES} frames") as told, files_of_at_most(size):
+            film(path, codec)
+        assert told.value.errno == errno.ENOSPC and told.value.filename == str(path)
+
+
+VIDEOS = {"export": ["export", str(TRIAL), "--format", "video", "--out", "{out}/e"], "track": COMMANDS["track"]}
+
+
+@pytest.mark.parametrize("command", VIDEOS)
+def test_a_command_whose_video_does_not_fit_leaves_none(tmp_path, command):
+    here, out = tmp_path / "here", tmp_path / "out"
+    here.mkdir()
+    out.mkdir()
+    own_images(here)
+    with files_of_at_most(6000):
+        done = CliRunner().invoke(main, [word.format(here=here, out=out) for word in VIDEOS[command]])
+    assert done.exit_code == 2 and isinstance(done.exception, SystemExit), (done.output, done.exception)
+    assert f"{out}/" in done.output and "frames of the video could be written; free space" in done.output, done.output
+    assert "-uavbench-" not in done.output
+    assert everything(out) == []
 
 
 @pytest.mark.parametrize("size", [0, 1, 1000, 3000, 10_000])

@@ -10,7 +10,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.verify import file_hash
-from uavbench.scenes.image_files import open_video, read_image
+from uavbench.scenes.image_files import finish_video, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.overlay import draw_edges
@@ -79,7 +79,7 @@ def track_images(
             rows.append(result)
             stamps.append(stamp_ns)
             writer.write(draw_edges(image, structure, lens, result))
-        writer.release()
+        finish_video(writer, new / "overlay.mp4", len(rows))
         if not rows:
             raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
         name = str(source) if isinstance(source, BagTopic) else source.name
