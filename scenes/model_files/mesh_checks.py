@@ -9,8 +9,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from uavbench.scenes.model_files.referenced_files import is_there
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MOST_PIXELS, SETTINGS
+from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS, SETTINGS
 from uavbench.trajectories.files.reading import json_value, read_bytes
 from uavbench.trajectories.pose import Array
 
@@ -18,11 +19,17 @@ MOST_TRIANGLES = 2_000_000
 MOST_SQUARES = 5_000_000
 """Sum of the squared numbers of corners (beyond three) of all faces: five of 1,000 corners, about a minute."""
 MOST_MATERIALS = 2_000
-"""Materials that the faces of an OBJ file use: each becomes a piece, and trimesh's time is quadratic in them (2 s)."""
+"""Materials of a file, and textures of glTF: each becomes a piece, and trimesh's time is quadratic in them (2 s)."""
 MOST_NODES = 20_000
 """Nodes of a glTF file and the pieces that they place: each is drawn by itself, in large buildings some thousand."""
 MOST_LEVELS = 100
 """Levels of a glTF file's nodes: an assembly has 10, a skeleton 30; trimesh's time is quadratic in them."""
+MOST_VALUES = MODEL.most_bytes // 4
+"""Numbers in all accessors of a glTF file: those that fit into it as float32; accessors without bytes are zeros."""
+VALUES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""Numbers of an element of an accessor by its type."""
+MOST_CHUNKS = 16
+"""Chunks of a GLB file: one of JSON, one of numbers, and those of extensions, of which none is in use."""
 LARGEST_M, SMALLEST_M = 2000.0, 0.02
 UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
 """glTF extensions for compressed meshes or images that trimesh cannot decode."""
@@ -95,7 +102,7 @@ def check_file(path: Path, data: bytes) -> None:
     for name in wanted:
         if not _beside(path, name):
             raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
-        if not (path.parent / name).is_file():
+        if not is_there(path.parent / name):
             raise UserError(f"{path}: refers to {name}, which is missing; put it next to the model or export it again")
 
 
@@ -110,39 +117,62 @@ def _beside(path: Path, name: str) -> bool:
 def _obj_wants(path: Path, data: bytes) -> list[str]:
     """Material libraries that an OBJ file refers to, and their textures; UserError for too many materials."""
     joined = data.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that a backslash continues
-    used = len({name.strip() for name in re.findall(rb"usemtl ([^\r\n]*)", joined)})
-    if used > MOST_MATERIALS:
-        raise UserError(
-            f"{path}: {used:,} materials are more than the {MOST_MATERIALS:,} that can be handled; "
-            "join those that look alike"
-        )
-    wanted = []
-    for line in re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*$", data, re.MULTILINE):
+    _check_materials(path, len({name.strip() for name in re.findall(rb"usemtl ([^\r\n]*)", joined)}))
+    wanted: list[str] = []
+    libraries = dict.fromkeys(re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*$", data, re.MULTILINE))
+    _check_materials(path, len(libraries))
+    for line in libraries:
         library = line.decode("utf-8", "replace").strip()
         wanted.append(library)
-        if _beside(path, library) and (path.parent / library).is_file():
+        if _beside(path, library) and is_there(path.parent / library):
             text = read_bytes(path.parent / library, SETTINGS, inside=path.parent).decode("utf-8", "replace")
-            wanted += [line.split()[-1] for line in re.findall(r"^\s*map_K[da]\s+(.+?)\s*$", text, re.MULTILINE)]
+            maps = [line.split()[-1] for line in re.findall(r"^\s*map_K[da]\s+(.+?)\s*$", text, re.MULTILINE)]
+            _check_materials(path, len(maps))
+            wanted += maps
     return wanted
+
+
+def _check_materials(path: Path, count: int) -> None:
+    if count > MOST_MATERIALS:
+        raise UserError(
+            f"{path}: {count:,} materials are more than the {MOST_MATERIALS:,} that can be handled; "
+            "join those that look alike"
+        )
 
 
 def _gltf_wants(path: Path, data: bytes) -> list[str]:
     """External buffers and images of a glTF file; UserError for an unsupported extension or too many triangles."""
     binary = data[:4] == b"glTF"  # GLB: magic, version, length; length and type of its first chunk, the JSON
+    if binary:
+        _check_chunks(path, data)
     text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
     try:
         scene = json_value(text)
         needed = sorted(set(scene.get("extensionsRequired", [])) & set(UNREADABLE))
         entries = [*scene.get("buffers", []), *scene.get("images", [])]
         uris = [str(entry["uri"]) for entry in entries if "uri" in entry]
-        counts = [int(accessor["count"]) for accessor in scene.get("accessors", [])]
+        accessors = scene.get("accessors", [])
+        counts = [int(accessor["count"]) for accessor in accessors]
+        values = sum(count * VALUES[accessor["type"]] for count, accessor in zip(counts, accessors, strict=True))
         _check_nodes(path, scene.get("nodes", []), scene.get("meshes", []))
+        _check_materials(path, max(len(scene.get(key, [])) for key in ("materials", "textures", "images")))
     except (ValueError, AttributeError, TypeError, LookupError, OverflowError) as error:
         raise UserError(f"{path}: not a readable {path.suffix[1:]} file: {error}") from None
     if needed:
         raise UserError(f"{path}: is compressed with {', '.join(needed)}; export it without compression")
     check_count(path, max(counts, default=0) // 3)
+    if min(counts, default=0) < 0 or values > MOST_VALUES:
+        raise UserError(f"{path}: its accessors claim more values than a model can have; export the model again")
     return [unquote(uri) for uri in uris if not uri.startswith("data:")]
+
+
+def _check_chunks(path: Path, data: bytes) -> None:
+    """UserError for a GLB file of more than MOST_CHUNKS chunks, which trimesh reads one by one."""
+    at = 12  # after the header
+    for _ in range(MOST_CHUNKS):
+        at += 8 + int.from_bytes(data[at : at + 4], "little")
+    if at < len(data):
+        raise UserError(f"{path}: has more than {MOST_CHUNKS} chunks; export the model again")
 
 
 def _check_nodes(path: Path, nodes: list[dict[str, Any]], meshes: list[dict[str, Any]]) -> None:

@@ -120,7 +120,8 @@ def read(path: Path) -> list[Loaded]:
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
             triangles += len(mesh.faces)
             check_count(path, triangles)
-            if np.shape(mesh.vertices)[1:] != (3,) or int(np.max(mesh.faces)) >= len(mesh.vertices):
+            corners = np.asarray(mesh.faces)
+            if np.shape(mesh.vertices)[1:] != (3,) or corners.min() < 0 or corners.max() >= len(mesh.vertices):
                 raise UserError(f"{path}: a face of {name} refers to a missing vertex; export the model again")
             piece = Loaded(
                 np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64), name=str(name)
@@ -129,8 +130,22 @@ def read(path: Path) -> list[Loaded]:
             if np.linalg.det(matrix[:3, :3]) < 0:
                 piece = piece.flipped()
             check_textures(path, _pixels(path, mesh.visual, drawn))
-            pieces.append(piece.dressed(mesh.visual))
+            pieces.append(_dressed(path, piece, mesh.visual))
     return pieces
+
+
+def _dressed(path: Path, piece: Loaded, visual: Any) -> Loaded:
+    """The piece with its appearance; UserError when its texture is damaged, or its place or colour not finite."""
+    try:
+        dressed = piece.dressed(visual)
+    except Exception as error:  # Pillow's decoders may raise anything for damaged content
+        raise UserError(f"{path}: a texture or colour is damaged: {error}; export the model again") from None
+    for numbers in (dressed.uv, dressed.tint):
+        if numbers is not None and not np.isfinite(numbers).all():
+            raise UserError(
+                f"{path}: some texture coordinates or colours are not finite numbers; export the model again"
+            )
+    return dressed
 
 
 def _pixels(path: Path, visual: Any, drawn: dict[int, int]) -> int:

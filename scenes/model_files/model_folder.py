@@ -7,6 +7,7 @@ from urllib.parse import unquote
 from trimesh.resolvers import Resolver
 
 from uavbench.scenes.image_files import TEXTURES, size_px
+from uavbench.scenes.model_files.referenced_files import is_there
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import read_bytes
@@ -25,7 +26,7 @@ class ModelFolder(Resolver):
     def get(self, name: str) -> bytes:
         """Content of a file; UserError when it is missing, too large, not a regular file, or outside the folder."""
         words = [name.strip(), unquote(name.strip()), name.split()[-1] if name.split() else ""]
-        there = [word for word in words if self._is_there(word)]
+        there = [word for word in words if word and is_there(self.folder / word)]
         try:
             path = self.folder / (there or words)[0]
             data = read_bytes(path, MODEL, inside=self.folder)
@@ -35,12 +36,6 @@ class ModelFolder(Resolver):
         except UserError as error:
             self.refused.append(f"refers to {name.strip()}: {error}; put it next to the model or export it again")
             raise
-
-    def _is_there(self, name: str) -> bool:
-        try:
-            return bool(name) and (self.folder / name).is_file()
-        except (OSError, ValueError):
-            return False
 
     def keys(self) -> list[str]:
         """Names of the files in the folder."""

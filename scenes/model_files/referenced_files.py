@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
 
+from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.source_files import stamp
 
@@ -18,23 +19,29 @@ REFERENCES = {
 """File type -> (pattern of a reference, type of the referenced file), for models that are lines of text."""
 LONGEST = 4096
 """Greatest length of a reference in characters, that of a path."""
+MOST_WORDS = 64
+"""Words of a reference: all options of a texture with their numbers are 40, and a name may have blanks."""
 HEADER_BYTES = 1 << 16
 """Bytes of a PLY file that are searched for its header."""
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Existing files that a model refers to, recursively, each once.
+    """Existing files in a model's folder that it refers to, recursively, each once.
 
-    Ambiguous references yield all of their interpretations: too many files rather than too few.
+    Ambiguous references yield all of their interpretations: too many files rather than too few. Files elsewhere are not
+    looked at: the model that refers to one is refused when it is read.
     """
     found: dict[Path, Path] = {}
+    folder = path.parent.resolve()
     waiting = [(path, path.suffix.lower().replace(".glb", ".gltf"))]
     while waiting:
         file, kind = waiting.pop()
-        if kind not in (*REFERENCES, ".gltf") or not _there(file):
+        if kind not in (*REFERENCES, ".gltf") or not is_there(file):
             continue
         for name in _named(file, stamp(file), kind):
-            if _there(part := file.parent / name) and (real := part.resolve()) not in found:
+            if not is_there(part := file.parent / name) or (real := part.resolve()) in found:
+                continue
+            if real.is_relative_to(folder):
                 found[real] = part
                 waiting.append((part, "" if kind == ".gltf" else REFERENCES[kind][1]))
     return tuple(found.values())
@@ -42,7 +49,9 @@ def parts_of(path: Path) -> tuple[Path, ...]:
 
 @lru_cache(maxsize=1024)
 def _named(path: Path, _: tuple[int, ...], kind: str) -> tuple[str, ...]:
-    """All interpretations of the references in a file; cached by its stamp."""
+    """All interpretations of the references in a file, none in one too large to be read; cached by its stamp."""
+    if path.stat().st_size > MODEL.most_bytes:
+        return ()
     if kind == ".gltf":
         return tuple(dict.fromkeys(name for uri in _uris(path) for name in (uri, unquote(uri), *uri.split()[-1:])))
     matches = REFERENCES[kind][0].finditer(_text(path, kind))
@@ -77,12 +86,13 @@ def _text(path: Path, kind: str) -> str:
 
 def _names(given: str) -> Iterator[str]:
     """Interpretations of a reference: the whole text, or what follows leading options."""
-    words = given.strip().replace("\\", "/").split(" ")
+    words = given.strip().replace("\\", "/").split(" ")[-MOST_WORDS:]
     yield from (" ".join(words[first:]) for first in range(len(words)) if words[first])
     yield from (word for word in words[:-1] if word)
 
 
-def _there(path: Path) -> bool:
+def is_there(path: Path) -> bool:
+    """Whether a reference, of any text, is that of a file."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long, or has a null character
