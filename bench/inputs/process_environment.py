@@ -21,10 +21,7 @@ FOLDERS = {
     "GBM_BACKENDS_PATH": LIBRARY,
     "__EGL_VENDOR_LIBRARY_DIRS": VENDOR,
 }
-"""Variables that name folders, separated by colons, and the files that count in them; "" is the current folder.
-
-Importing cv2 adds its own folders and "" to LD_LIBRARY_PATH, which workers and programs inherit.
-"""
+"""Variables that name folders, separated by colons, and the files that count in them; "" is the current folder."""
 FILES = ("LD_PRELOAD", "LD_AUDIT", "__EGL_VENDOR_LIBRARY_FILENAMES")
 """Variables that name libraries or their descriptions, separated by colons or spaces."""
 APART = re.compile("[: ]+")

@@ -14,6 +14,8 @@ For scripts and notebooks; each name is imported when it is first used::
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from uavbench.trajectories.processes.library_path import keep_library_path
+
 if TYPE_CHECKING:
     from uavbench.bench.runner.render_suite import render
     from uavbench.reports import figures_on_axes as figures
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from uavbench.trajectories.trajectory import Trajectory
 
 __version__ = "0.1.0"
+
+keep_library_path()
 
 __all__ = [
     "Camera",
