@@ -12,6 +12,8 @@ from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
 import cv2
+import numpy
+import scipy.linalg
 
 from uavbench.trajectories.source_files import file_digest
 
@@ -29,11 +31,15 @@ COMPILED = re.compile(r"^.*\.so[.\d]*\"?,sha256=.*$", re.MULTILINE)
 LOADED = Path("/proc/self/maps")
 LOADED_OPENCV = re.compile(r"/.*/(?:cv2|libopencv_)[^/\n]*\.so[^/\n]*$", re.MULTILINE)
 """OpenCV's files among those that a process has loaded."""
+LOADED_BLAS = re.compile(r"/.*/lib(?:[^/\n]*(?:blas|lapack)|mkl_|blis|atlas)[^/\n]*\.so[^/\n]*$", re.MULTILINE)
+"""Files of BLAS and LAPACK, which conda and systems install apart from NumPy and SciPy."""
+LINKED_WITH_BLAS = (numpy, scipy.linalg)
+"""Modules with which they are loaded."""
 
 
 def library_builds() -> list[list[str]]:
     """Builds of all libraries."""
-    return [*map(build, LIBRARIES), opencv_build()]
+    return [*map(build, LIBRARIES), opencv_build(), blas_build()]
 
 
 def build(name: str) -> list[str]:
@@ -54,7 +60,18 @@ def opencv_build() -> list[str]:
             recorded |= compiled(distribution(name))
         except PackageNotFoundError:
             continue
-    return ["cv2", about, *sorted(recorded.get(path) or _digest(path) for path in _loaded())]
+    return ["cv2", about, *sorted(recorded.get(path) or _digest(path) for path in _loaded(LOADED_OPENCV))]
+
+
+def blas_build() -> list[str]:
+    """Digests of the BLAS and LAPACK that NumPy and SciPy compute with."""
+    recorded: dict[Path, str] = {}
+    for module in LINKED_WITH_BLAS:
+        try:
+            recorded |= compiled(distribution(module.__name__.partition(".")[0]))
+        except PackageNotFoundError:
+            continue
+    return ["blas", *sorted(recorded.get(path) or _digest(path) for path in _loaded(LOADED_BLAS))]
 
 
 def compiled(found: Distribution) -> dict[Path, str]:
@@ -83,9 +100,9 @@ def _digest(path: Path) -> str:
         return "not readable"
 
 
-def _loaded() -> set[Path]:
+def _loaded(kind: re.Pattern[str]) -> set[Path]:
     try:
-        return {Path(path) for path in LOADED_OPENCV.findall(LOADED.read_text(encoding="utf-8", errors="replace"))}
+        return {Path(path) for path in kind.findall(LOADED.read_text(encoding="utf-8", errors="replace"))}
     except OSError:
         return set()
 

@@ -12,7 +12,7 @@ import pytest
 
 from uavbench.bench.inputs import library_builds as builds
 from uavbench.bench.inputs.content_hash import code_hash, content_hash, sources_hash
-from uavbench.bench.inputs.library_builds import LIBRARIES, READ_WITH, build, library_builds, opencv_build
+from uavbench.bench.inputs.library_builds import LIBRARIES, READ_WITH, blas_build, build, library_builds, opencv_build
 from uavbench.scenes.model_files.mesh_file import MeshFile
 
 PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -180,3 +180,23 @@ def test_opencv_is_told_apart_by_its_description_and_by_the_file_that_is_loaded(
 
 def test_versions_are_those_that_are_installed():
     assert build("numpy")[1] == version("numpy")
+
+
+def test_the_blas_of_an_environment_is_in_the_key_by_its_content(tmp_path, monkeypatch):
+    """As conda installs it: apart from NumPy and SciPy, and chosen by a link."""
+    maps = tmp_path / "maps"
+    monkeypatch.setattr(builds, "LOADED", maps)
+    keys = []
+    for name in ("libopenblasp-r0.3.30.so", "libblas.so.3", "libmkl_rt.so.2", "liblapack.so.3", "libz.so.1"):
+        maps.write_text(f"7f00-7f01 r-xp 00000000 00:00 0    {tmp_path / name}\n7f02-7f03 rw-p 00000000 00:00 0 \n")
+        for content in (b"one", b"two"):
+            (tmp_path / name).write_bytes(content)
+            keys.append(blas_build())
+    of_libraries, of_another = keys[:-2], keys[-2:]
+    assert all(one != two for one, two in zip(of_libraries[::2], of_libraries[1::2], strict=True))
+    assert of_another == [["blas"], ["blas"]]
+
+
+def test_the_blas_that_this_process_computes_with_is_in_every_key():
+    assert len(blas_build()) > 1
+    assert blas_build() in library_builds()
