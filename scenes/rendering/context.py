@@ -18,6 +18,8 @@ import numpy as np
 from uavbench.trajectories.errors import UserError
 
 PACKAGES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libosmesa6"
+DRIVER = "GALLIUM_DRIVER"
+"""Variable that names the driver which Mesa draws with."""
 
 
 class GLUnavailableError(UserError):
@@ -41,7 +43,9 @@ def context() -> Any:
         if reason is None:
             return _make(name)
         reasons.append(f"{name}: {reason}")
-    raise GLUnavailableError(f"cannot make an OpenGL context ({'; '.join(reasons)}); install it with: {PACKAGES}")
+    driver = os.environ.get(DRIVER)
+    remedy = f"unset {DRIVER}={driver!r}, or install" if driver else "install it with"
+    raise GLUnavailableError(f"cannot make an OpenGL context ({'; '.join(reasons)}); {remedy}: {PACKAGES}")
 
 
 def name() -> str:
@@ -141,6 +145,9 @@ def _load(library: str) -> ctypes.CDLL:
 
 def _probe_osmesa() -> str | None:
     """None when OSMesa can create a core context, otherwise the reason."""
+    driver = os.environ.get(DRIVER) or "llvmpipe"
+    if driver != "llvmpipe":  # without the driver that is named OSMesa crashes
+        return f"of OSMesa's drivers only llvmpipe can draw the scenes, not {driver}"
     try:
         _load("OSMesa").OSMesaCreateContextAttribs  # noqa: B018  (looks the symbol up)
     except (OSError, AttributeError) as error:
@@ -153,6 +160,8 @@ def _probe_egl() -> str | None:
 
     Probed through ctypes, since PyOpenGL cannot change its platform once it is imported.
     """
+    if os.environ.get(DRIVER) == "softpipe":
+        return "the driver softpipe has no OpenGL 4.1"
     try:
         egl = _load("EGL")
         _load("GL")

@@ -26,6 +26,9 @@ except UserError as error:
         ({"UAVBENCH_GL": "egl", "EGL_DEVICE_ID": "99"}, "EGL_DEVICE_ID=99, but there are"),
         ({"UAVBENCH_GL": "egl", "EGL_DEVICE_ID": "first"}, "EGL_DEVICE_ID='first' is not a number"),
         ({"UAVBENCH_GL": "egl", "MESA_GL_VERSION_OVERRIDE": "2.1"}, "install it with: apt-get install"),
+        ({"UAVBENCH_GL": "", "GALLIUM_DRIVER": "softpipe"}, "softpipe has no OpenGL 4.1"),
+        ({"UAVBENCH_GL": "", "GALLIUM_DRIVER": "softpipe"}, "unset GALLIUM_DRIVER='softpipe', or install"),
+        ({"UAVBENCH_GL": "osmesa", "GALLIUM_DRIVER": "none"}, "only llvmpipe can draw the scenes, not none"),
     ],
 )
 def test_a_context_that_cannot_be_made_is_told(environment: dict[str, str], told: str) -> None:
