@@ -115,6 +115,10 @@ def test_a_bad_airframe_file_is_named_with_its_key(name: str, text: str, told: s
         ("<worldbody>" + '<geom size="1"/>' * 60_000 + "</worldbody>", r"a\.xml: it has 60,\d+ elements, more than"),
         ("<worldbody>" + "<body>" * 900 + "</body>" * 900 + "</worldbody>", "nested deeper than 64"),
         ("<worldbody>" + "<body>" * 50_000 + "</body>" * 50_000 + "</worldbody>", "it has 50,... elements"),
+        (
+            "<worldbody><body " + " ".join(f'a{k}="1"' for k in range(200_000)) + "/></worldbody>",
+            "more than 100 attributes",
+        ),
     ],
 )
 def test_an_airframe_that_grows_beyond_its_text_is_refused(what: str, told: str, tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ GROWING = ("replicate", "composite", "flexcomp", "flex", "skin", "hfield", "text
 
 MOST_ELEMENTS = 1_000
 """Elements of an MJCF file: quadrotor.xml has 27, and MuJoCo's time to read them is quadratic."""
+MOST_ATTRIBUTES = 100
+"""Attributes of an element of an MJCF file: the longest have 40, and MuJoCo's time is quadratic in them."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ def _refuse_growth(root: ElementTree.Element) -> None:
             f"it has {count:,} elements, more than the {MOST_ELEMENTS:,} that can be handled; "
             "leave out shapes that are for display only"
         )
+    if max(len(node.attrib) for node in root.iter()) > MOST_ATTRIBUTES:
+        raise UserError(f"one of its elements has more than {MOST_ATTRIBUTES} attributes; export the file again")
     level = [root]
     for _ in range(MOST_NESTING):
         for node in level:
