@@ -238,7 +238,8 @@ class ReportFlights:
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, flights.json, tables and figures."""
-        from uavbench.reports.closed_loop.report import FlightNotes, write_flights
+        from uavbench.reports.closed_loop.report import write_flights
+        from uavbench.reports.closed_loop.tables import FlightNotes
 
         videos = tuple(path.relative_to(self.folder).as_posix() for path in self.videos)
         notes = FlightNotes(self.title, dict(self.failed), dict(self.absent), videos)

@@ -1,7 +1,7 @@
 """Flights beside each other: pairs of runs against exact tests, swept loops, and the worst flight of a run."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -10,8 +10,9 @@ from scipy.stats import binom
 from uavbench.reports.closed_loop.comparison import by_run, compared, success
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.closed_loop.repeated_flights import counted
-from uavbench.reports.closed_loop.report import FlightNotes, FlownRun, cells_of_pair, table, worst_of
+from uavbench.reports.closed_loop.report import FlownRun, worst_of, write_page
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
+from uavbench.reports.closed_loop.tables import FlightNotes, cells_of_pair, table
 from uavbench.reports.style import house_style
 from uavbench.trajectories.errors import UserError
 
@@ -75,6 +76,31 @@ def test_the_worst_flight_of_a_run_is_one_that_failed():
     runs = [FlownRun(Path(str(s.seed)), s) for s in flights("a", "+-+")]
     assert worst_of(runs).score.seed == 1
     assert worst_of([runs[0], runs[2]]).score.seed == 2
+
+
+def test_faults_of_a_tracker_are_told_where_the_flight_is_a_success_too(tmp_path):
+    """A program that has crashed in flight and one that repeats itself, both of which got home on the IMU."""
+    crashed = replace(score("a", 0), faults=("t = 1.000 s: [crashed] frame 15",))
+    twice = replace(score("b", 0, succeeds=False), faults=tuple(f"t = {k}.000 s: [duplicate] row" for k in range(5)))
+    lines = table(NOTES, [crashed, twice]).splitlines()
+    assert "box-s0 a: t = 1.000 s: [crashed] frame 15" in lines
+    assert [line for line in lines if line.startswith("box-s0 b: ")] == [
+        "box-s0 b: crashed at 0.10 s: it left its corridor: it was up to 0.03 m from its path",
+        *(f"box-s0 b: t = {k}.000 s: [duplicate] row" for k in range(3)),
+        "box-s0 b: and 2 more faults of its tracker",
+    ]
+    (tmp_path / "record.json").write_text("{}")
+    write_page(tmp_path, NOTES, [FlownRun(tmp_path, each) for each in (crashed, twice)], [], [], 0)
+    page = (tmp_path / "index.html").read_text()
+    assert page.count("t = 1.000 s: [crashed] frame 15") == page.count("[duplicate] row") / 3 == 1
+    assert "and 2 more faults" in page
+
+
+def test_a_number_of_many_digits_is_written_with_an_exponent():
+    (line,) = [
+        line for line in table(NOTES, [replace(score("a", 0), tracker_nees=3.2e299)]).splitlines() if "| a |" in line
+    ]
+    assert "| 3e+299 |" in line and len(line) < 200
 
 
 @pytest.mark.parametrize(("key", "value"), [("faults", 5), ("path_rms_m", "far"), ("success", None), ("frames", [])])

@@ -9,7 +9,7 @@ import pytest
 from tests.reports.test_closed_loop_report import score
 from tests.reports.test_flight_score import flown, path
 from uavbench.reports.closed_loop.figure import draw_flight_in_closed_loop
-from uavbench.reports.closed_loop.report import FlightNotes, table, why_failed
+from uavbench.reports.closed_loop.tables import FlightNotes, table, why_failed
 from uavbench.reports.comparison_figures import compare
 from uavbench.reports.figures.distributions import draw_error_over_bound
 from uavbench.reports.figures.ranking import draw_critical_difference
