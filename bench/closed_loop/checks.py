@@ -15,9 +15,15 @@ from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.registry import named
 from uavbench.trajectories.sensors.sensor import SensorSpec
 
+ENDLESS_S = 1e9
+"""Longer than any flight, s: 32 years."""
 
-def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
-    """Names of the sequence's sensors that the filter uses; UserError when position or velocity is unobservable."""
+
+def check_loop(loop: LoopSpec, spec: SequenceSpec, flight_s: float = ENDLESS_S) -> tuple[str, ...]:
+    """Names of the sequence's sensors that the filter uses; UserError when position or velocity is unobservable.
+
+    flight_s: duration of the flight, once it is known; GNSS that is denied for as long holds nothing.
+    """
     there = named(spec.sensors)
     wanted = (CAMERA, *there) if loop.sensors is None else loop.sensors
     for name in wanted:
@@ -39,7 +45,7 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
     if loop.estimator != "truth":
         _check_imu(spec.name, sensors)
     if loop.estimator == "filter":
-        _check_filter(loop, spec.name, sensors, CAMERA in wanted)
+        _check_filter(loop, spec.name, sensors, CAMERA in wanted, flight_s)
     if loop.estimator == "camera" and CAMERA not in wanted:
         raise UserError(
             f"sequence {spec.name}: estimator `camera` uses the tracker's poses: add `camera` to `loop.sensors`"
@@ -66,13 +72,15 @@ def _check_imu(sequence: str, sensors: dict[str, SensorSpec]) -> None:
         raise UserError(f"sequence {sequence}: the vehicle takes an IMU in the body's origin: leave out its offset_m")
 
 
-def _check_filter(loop: LoopSpec, sequence: str, sensors: dict[str, SensorSpec], camera: bool) -> None:
-    always_out = any(first <= 0.0 and last >= 1e9 for first, last in loop.gnss_outages_s)
-    gnss = any(isinstance(sensor, Gnss) for sensor in sensors.values()) and not always_out
-    if not (camera or gnss or any(isinstance(sensor, FlowDeck) for sensor in sensors.values())):
+def _check_filter(loop: LoopSpec, sequence: str, sensors: dict[str, SensorSpec], camera: bool, flight_s: float) -> None:
+    gnss = any(isinstance(sensor, Gnss) for sensor in sensors.values())
+    denied = gnss and _covered(loop.gnss_outages_s, flight_s)
+    flow = any(isinstance(sensor, FlowDeck) for sensor in sensors.values())
+    if not (camera or flow or (gnss and not denied)):
+        without = ", without GNSS during the whole flight (loop.gnss_outages_s)," if denied else ""
         raise UserError(
-            f"sequence {sequence}: no sensor can hold the vehicle: {', '.join(sensors)} alone leave its place to drift "
-            "within seconds; add `camera`, `gnss` or `flow` to `loop.sensors`"
+            f"sequence {sequence}: no sensor can hold the vehicle: {', '.join(sensors)} alone{without} leave its place "
+            f"to drift within seconds; add `camera`{'' if denied else ', `gnss`'} or `flow` to `loop.sensors`"
         )
     latency_ms = {Constant: "ms", Lognormal: "median_ms"}.get(type(loop.latency))
     if latency_ms and getattr(loop.latency, latency_ms) >= 1e3 * loop.filter.history_s:
@@ -80,3 +88,13 @@ def _check_filter(loop: LoopSpec, sequence: str, sensors: dict[str, SensorSpec],
             f"loop.latency.{latency_ms}: every answer would come after filter.history_s = {loop.filter.history_s:g} s "
             "and count for nothing; raise history_s"
         )
+
+
+def _covered(intervals_s: tuple[tuple[float, float], ...], until_s: float) -> bool:
+    """Whether intervals in s leave no gap from 0 to a time."""
+    reached_s = 0.0
+    for first, last in sorted(intervals_s):
+        if first > reached_s:
+            return False
+        reached_s = max(reached_s, last)
+    return reached_s >= until_s

@@ -41,13 +41,13 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
     that fails even on its true state, and for a tracker that cannot be started.
     """
     prepare(__name__)
-    sensors = check_loop(pilot.loop, spec)
+    check_loop(pilot.loop, spec)
     scene = build_scene(spec)
     notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
     simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
     with eye(spec, scene, WayFlown(simulation)) as source:
-        loop = Loop(spec, pilot, scene, simulation, source, sensors, notes)
+        loop = Loop(spec, pilot, scene, simulation, source, notes)
         while notes.ending is None and not simulation.is_over:
             loop.step()
             if on_step is not None and simulation.step % (10 * BLOCK) == 0:
@@ -60,7 +60,7 @@ class Loop:
     """All parts of a flight; one `step` is one control step of the vehicle.
 
     image, samples, true_cam_from_world: of the latest frame: its image, the sensor readings up to it, and the true pose
-    of the camera.
+    of the camera. UserError for a loop whose sensors cannot hold the vehicle in a flight of this duration.
     """
 
     def __init__(
@@ -70,11 +70,11 @@ class Loop:
         scene: Scene,
         simulation: Simulation,
         source: CameraSimulator,
-        sensors: tuple[str, ...],
         notes: Notes,
     ) -> None:
         self.spec, self.pilot, self.scene = spec, pilot, scene
-        self.simulation, self.source, self.sensor_names, self.notes = simulation, source, sensors, notes
+        self.simulation, self.source, self.notes = simulation, source, notes
+        self.sensor_names = check_loop(pilot.loop, spec, simulation.steps * STEP_NS / 1e9)
         self.sensors = Sensors(spec, pilot.loop, simulation.steps, scene.obstacles)
         vehicle = Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount.at_rest))
         self.judge = Judge(pilot.loop.crash, vehicle.radius_m, scene.obstacles)

@@ -101,13 +101,13 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
 
     def __init__(self, spec: SequenceSpec, pilot: Pilot, render_mode: str | None = None) -> None:
         prepare(__name__)
-        self._sensor_names = check_loop(pilot.loop, spec)
+        sensor_names = check_loop(pilot.loop, spec)
         imus = {name: sensor for name, sensor in named(spec.sensors).items() if isinstance(sensor, Imu)}
         if not imus:
             raise UserError(f"sequence {spec.name}: the environment observes an IMU; name one in its `sensors`")
         self._spec, self._pilot, self.render_mode = spec, pilot, render_mode
         self.metadata = {**self.metadata, "render_fps": round(pilot.rate_hz)}
-        self._imu = next((name for name in imus if name in self._sensor_names), next(iter(imus)))
+        self._imu = next((name for name in imus if name in sensor_names), next(iter(imus)))
         self._readings = max(1, int(imus[self._imu].rate_hz / pilot.rate_hz))
         camera = spec.camera.camera()
         self.observation_space = spaces.Dict({
@@ -160,7 +160,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         source = self._open.enter_context(eye(spec, scene, WayFlown(simulation)))
         nothing = OpenLoop(np.zeros((0, 5)), np.zeros(0))
         notes = Notes(spec, self._pilot, nothing)
-        self._loop = CommandedLoop(spec, self._pilot, scene, simulation, source, self._sensor_names, notes)
+        self._loop = CommandedLoop(spec, self._pilot, scene, simulation, source, notes)
         self._loop.guidance = self._guidance
         self._points, self._normals = surface_points(scene.built.structure)
         self._seen = np.zeros(len(self._points), dtype=bool)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.eye import WayFlown, eye
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.fly import Loop
@@ -164,7 +163,7 @@ def flown(spec: SequenceSpec, pilot: Pilot) -> float:
     simulated = process_time() - started
     with eye(spec, scene, WayFlown(simulation)) as source:
         timed = replace(pilot, tracker=Timed(pilot.tracker, watch))
-        loop = Loop(spec, timed, scene, simulation, watch.around(source), check_loop(pilot.loop, spec), notes)
+        loop = Loop(spec, timed, scene, simulation, watch.around(source), notes)
         started = process_time()
         while notes.ending is None and not simulation.is_over:
             loop.step()

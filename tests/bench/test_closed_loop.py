@@ -386,6 +386,23 @@ def test_a_loop_that_cannot_hold_the_vehicle_is_refused(loop, sensors, told):
         check_loop(loop, box(sensors=sensors))
 
 
+@pytest.mark.parametrize(("outages", "refused"), [
+    (((0.0, 60.0),), True), (((0.5, 60.0), (0.0, 0.7)), True), (((0.0, 0.5),), False), (((0.1, 60.0),), False),
+    (((0.0, 0.3), (0.4, 60.0)), False),
+])  # fmt: skip
+def test_gnss_that_is_denied_during_the_whole_flight_holds_nothing(outages, refused):
+    """Only the flight itself tells how long it is."""
+    spec, loop = box(sensors=(Imu(), Gnss())), {"sensors": ("imu", "gnss"), "gnss_outages_s": outages}
+    check_loop(LoopSpec(**loop), spec)
+    if refused:
+        with pytest.raises(
+            UserError, match=r"imu, gnss alone, without GNSS during the whole flight .* add `camera` or"
+        ):
+            flown(spec, Watching(), **loop)
+    else:
+        assert len(flown(spec, Watching(), **loop).results) > 5
+
+
 def test_loops_that_can_are_not():
     assert check_loop(LoopSpec(sensors=("imu", "flow")), box(sensors=(Imu(), FlowDeck()))) == ("imu", "flow")
     assert check_loop(LoopSpec(estimator="truth", sensors=()), box(sensors=())) == ()
