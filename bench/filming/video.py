@@ -5,7 +5,10 @@ stores no images.
 """
 
 import json
-from collections.abc import Callable
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +60,8 @@ def write_video(
     with eye(spec, build_scene(spec), way) as source, new_folder(folder, MARKER) as new:
         width = round(source.camera.width * height / source.camera.height / 2) * 2
         size = (width + OUTSIDE_PX[0], height)
-        writer = cv2.VideoWriter(str(new / VIDEO), cv2.VideoWriter.fourcc(*CODEC), rate_hz, size)
+        with standard_error_to_nothing():  # WebM has no codec tags, of which OpenCV warns whatever the codec
+            writer = cv2.VideoWriter(str(new / VIDEO), cv2.VideoWriter.fourcc(*CODEC), rate_hz, size)
         if not writer.isOpened():
             raise UserError(f"{folder}: this build of OpenCV cannot write {CODEC}; install opencv-python-headless")
         flown_blind = np.zeros((source.camera.height, source.camera.width, 3), dtype=np.uint8)
@@ -65,7 +69,9 @@ def write_video(
             for frame, stamp_ns in enumerate(frames):
                 light = source.image(stamp_ns)
                 image = flown_blind if light is None else encode(light)
-                seen = cv2.resize(with_overlay(flown, frame, image), (width, height), interpolation=cv2.INTER_AREA)
+                overlaid = with_overlay(flown, frame, image)
+                seen = np.asarray(cv2.resize(overlaid, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+                write_caption(flown, frame, seen)
                 writer.write(np.hstack([seen, outside.at(frame)]))
                 on_step(frame + 1, len(frames))
             finish_video(writer, new / VIDEO, len(frames))
@@ -74,13 +80,28 @@ def write_video(
         write_text(new / MARKER.name, json.dumps({"content_hash": content_hash}) + "\n")
 
 
-def with_overlay(flown: Flown, frame: int, image: Image) -> Image:
-    """A frame (h, w, 3) BGR with the edges projected at the tracker's pose, and the errors of path and estimate in cm.
+@contextmanager
+def standard_error_to_nothing() -> Iterator[None]:
+    """Discard what this process writes to file descriptor 2 in the context, by native libraries, too."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with Path(os.devnull).open("w") as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
-    frame: index among the frames of the flight.
-    """
+
+def with_overlay(flown: Flown, frame: int, image: Image) -> Image:
+    """A frame (h, w, 3) BGR with the edges projected at the tracker's pose; frame: index among those of the flight."""
+    return View.of(image, flown.camera, flown.structure).overlay(flown.results.rows[frame].cam_from_world)
+
+
+def write_caption(flown: Flown, frame: int, canvas: Image) -> None:
+    """Write run, time, errors of path and estimate in cm, and status at a frame on an image (h, w, 3) BGR."""
     result, path = flown.results.rows[frame], flown.path
-    canvas = View.of(image, flown.camera, flown.structure).overlay(result.cam_from_world)
     row = row_at(flown, frame)
     error_cm = 100 * np.linalg.norm(path.group("true_p_m")[row] - path.group("planned_p_m")[row])
     words = f"{flown.record['run']}  {path.seconds[row]:.1f} s  off its path {error_cm:.1f} cm"
@@ -89,7 +110,15 @@ def with_overlay(flown: Flown, frame: int, image: Image) -> Image:
         words += f"  estimate {estimate_cm:.1f} cm"
     words += "" if result.status == "ok" else f"  {result.status.upper().replace('_', ' ')}"
     write_text_on(canvas, words, (255, 255, 255) if result.status == "ok" else (120, 120, 255))
-    return canvas
+
+
+def ending_of(flown: Flown) -> str:
+    """How a flight ended, in words."""
+    flight, loop = flown.record["flight"], flown.record["loop"]
+    off_m = np.linalg.norm(flown.path.group("true_p_m") - flown.path.group("planned_p_m"), axis=1).max()
+    if flight["status"] == "completed" and off_m > loop["corridor_m"]:
+        return f"completed, but up to {off_m:.2f} m off its path"
+    return f"{flight['status']}{': ' if flight['why'] else ''}{flight['why']}"
 
 
 def row_at(flown: Flown, frame: int) -> int:
@@ -129,11 +158,9 @@ class Outside:
                 cv2.circle(self.view.seen, (round(x), round(y)), 3, LOST, -1, cv2.LINE_AA)
         canvas = self.view.seen.copy()
         self._draw_vehicle(canvas, row)
-        ending = self.flown.record["flight"]
-        words = "planned, true (black), estimated (blue)"
-        if frame == len(self.flown.results) - 1:
-            words = f"{ending['status']}{': ' if ending['why'] else ''}{ending['why']}"
-        write_text_on(canvas, words)
+        last = frame == len(self.flown.results) - 1
+        words = "planned (green), true (black), estimated (blue), lost (red)"
+        write_text_on(canvas, ending_of(self.flown) if last else words)
         return canvas
 
     def _draw_vehicle(self, canvas: Image, row: int) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -12,10 +13,13 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.small_suites import FLOWN, LOOP
+from tests.reports.test_flight_score import flown as scored
+from tests.reports.test_flight_score import path as along
 from uavbench.bench.cli.main import main
 from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.filming.video import ending_of, write_video
 from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.jobs import plan_flights
 from uavbench.bench.third_party.registry import absent
@@ -117,6 +121,25 @@ def test_a_video_shows_every_frame_from_the_camera_and_from_outside(done):
         assert green.sum() > 100  # the model at the estimate
         moved = np.abs(outside.astype(int) - shown[0][:, 640:]).max(axis=2) > 60
         assert 0 < moved[40:].sum() < 0.2 * moved.size  # the vehicle, and nothing else
+
+
+@pytest.mark.parametrize(("off_m", "flight", "told"), [
+    (0.08, {}, "completed"),
+    (0.1, {}, "completed, but up to 0.10 m off its path"),
+    (0.1, {"status": "crashed", "why": "it tilted"}, "crashed: it tilted"),
+])  # fmt: skip
+def test_a_video_ends_with_how_the_flight_did(off_m, flight, told):
+    """`completed` alone would stand for a success; the corridor is 9 cm wide."""
+    assert ending_of(scored(flown_path=along(planned_p_m=[0.0, off_m, 0.0]), **flight)) == told
+
+
+def test_a_video_is_written_without_a_word_of_native_libraries(done, tmp_path, capfd):
+    folder, _ = done
+    spec = load_suite(folder / "few.toml").sequences[0]
+    flight = folder / "out" / "flights" / "box-s0" / "truth@15hz"
+    write_video(spec, flight, tmp_path / "video", "x", lambda *_: os.write(2, b"."))
+    frames = (flight / "frames.csv").read_text().count("\n") - 1
+    assert capfd.readouterr() == ("", "." * frames), "and what others write is shown again"
 
 
 def test_a_dry_run_tells_the_frames_that_are_flown_and_about_their_megabytes(done, tmp_path):
