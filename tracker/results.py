@@ -6,7 +6,7 @@
     estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum if the mount is unknown
     groundtruth_world_from_body.tum   ground truth at every tracked frame, if known
 
-All files but times.csv are byte-identical on every run.
+All files are byte-identical on every run, except times.csv and its hash in record.json.
 """
 
 import csv

@@ -159,6 +159,7 @@ class StreamRun:
         `total` is the wall-clock time from the first byte sent to the answer.
         """
         where = f"frame {self.frames} (stamp {stamp_ns})"
+        self.frames += 1
         self.expect_silence(where)
         if self.tracker.pixels == "grey" and image.ndim == 3:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
@@ -173,7 +174,6 @@ class StreamRun:
         self.process.send([header, memoryview(pixels.reshape(-1))], deadline, where)
         answer = self.process.line(deadline, where)
         total_ms = (time.perf_counter() - begin) * 1e3
-        self.frames += 1
         stamp, result = read_row(answer, where)
         if stamp != stamp_ns:
             name = "duplicate" if stamp == self.stamp_ns else "unknown-stamp"

@@ -8,7 +8,8 @@
     innovations.csv  innovation of each measurement, and whether the filter rejected it
     model.obj edges.csv camera.toml    the structure and the camera
 
-Except for times.csv, all files are identical byte for byte on every run, unless the latency is a measured one.
+Except for times.csv and its hash in record.json, all files are identical byte for byte on every run, unless the latency
+is a measured one.
 """
 
 from collections.abc import Sequence as ListOf

@@ -1,5 +1,6 @@
 """Flights in closed loop: what the controller knows, what is repeatable, and what a bad tracker cannot do."""
 
+import json
 import sys
 
 import numpy as np
@@ -25,6 +26,7 @@ from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.studio import Studio
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.around import Orbit
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
@@ -266,10 +268,15 @@ def test_an_imu_that_the_loop_does_not_name_changes_nothing(estimator):
 
 def test_a_constant_latency_gives_the_same_bytes_again(tmp_path):
     for name in ("a", "b"):
-        flown(box(effects=(Noise(),)), GroundTruth(), latency=Constant(50.0)).save(tmp_path / name)
-    files = sorted(p.name for p in (tmp_path / "a").iterdir() if p.name != "times.csv")
+        flown(box(effects=(Noise(),)), Robust(), latency=Constant(50.0)).save(tmp_path / name)
+    files = sorted(p.name for p in (tmp_path / "a").iterdir())
     assert {"path.csv", "frames.csv", "innovations.csv", "answers.csv", "record.json"} <= set(files)
-    assert [n for n in files if (tmp_path / "a" / n).read_bytes() != (tmp_path / "b" / n).read_bytes()] == []
+    differ = [n for n in files if (tmp_path / "a" / n).read_bytes() != (tmp_path / "b" / n).read_bytes()]
+    assert differ == ["record.json", "times.csv"], "the times, and the record's hash of them"
+    a, b = (json.loads((tmp_path / name / "record.json").read_text()) for name in ("a", "b"))
+    for record in (a, b):
+        del record["files"]["times.csv"], record["made_by"]
+    assert a == b
     again = Flown.load(tmp_path / "a")
     assert measure_flight(again) == measure_flight(Flown.load(tmp_path / "b"))
 
@@ -324,7 +331,7 @@ for line in sys.stdin.buffer:
         continue
     answer = f"{stamp},ok,0,0,1,1,0,0,0"
     print(answer, flush=True)
-    if frames == 4 and bad == "twice":
+    if frames == 4 and bad == "twice" or frames >= 4 and bad == "repeats":
         print(answer, flush=True)
     if frames == 4 and bad == "chatters":
         print("still here", flush=True)
@@ -346,6 +353,19 @@ def test_a_program_that_fails_in_flight_is_lost_and_told_with_its_time(tmp_path,
     assert found.record["errors"][0].startswith(f"t = {found.results.stamps_ns[frame] / 1e9:.3f} s")
     lost = np.flatnonzero(~found.results.ok).tolist()
     assert lost == ([frame] if bad in ("nan", "twice", "chatters") else list(range(frame, len(found.results))))
+
+
+def test_each_fault_of_a_program_is_told_with_the_number_of_its_frame(tmp_path):
+    """Every second frame is lost to the answer that was repeated before it, and is not sent; it counts all the same."""
+    (tmp_path / "tracker.py").write_text(PROGRAM)
+    tracker = External(command=(sys.executable, str(tmp_path / "tracker.py"), "repeats"))
+    found = flown(box(), tracker, estimator="truth")
+    stamps = found.results.stamps_ns.tolist()
+    lost = np.flatnonzero(~found.results.ok).tolist()
+    assert lost == list(range(4, len(stamps), 2))
+    assert [error.partition(" '")[0] for error in found.record["errors"]] == [
+        f"t = {stamps[k] / 1e9:.3f} s: [duplicate] frame {k} (stamp {stamps[k]}):" for k in lost
+    ]
 
 
 def test_a_fault_ends_the_flight_where_the_suite_says_so():

@@ -193,6 +193,9 @@ def test_verdicts_tell_stamp_kind_and_why_in_the_order_of_stamps() -> None:
     for k in range(5, 130):
         run.imu(100 + k * 10_000_000, np.zeros(3), np.array([0.0, 0.0, 9.8]))
     assert run.verdicts == [flow_told, height_told], "also of what has left the history"
+    run.take(Height(stamp_ns=25_000_100, height_m=1.5, sigma_m=0.1))
+    assert [told.stamp_ns for told in run.verdicts] == [20_000_100, 25_000_100, 30_000_100]
+    assert run.verdicts[1].why == "older than the history"
     with pytest.raises(ValueError, match=r"older than the history of 1\.0 s"):
         run.estimate(200_000_000)
     assert run.estimate(400_000_000).stamp_ns == 400_000_000

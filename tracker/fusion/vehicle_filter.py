@@ -78,7 +78,8 @@ class VehicleFilter:
     @property
     def verdicts(self) -> list[Verdict]:
         """Outcome of every measurement so far, in the order of their stamps."""
-        return self._past + [c.verdict for c in self._done if c.verdict is not None]
+        told = self._past + [c.verdict for c in self._done if c.verdict is not None]
+        return sorted(told, key=lambda verdict: verdict.stamp_ns)
 
     def estimate(self, stamp_ns: int | None = None) -> Estimate:
         """State at a stamp (default: the last IMU sample's), propagated with the last reading beyond that.
