@@ -92,9 +92,10 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
     `estimate` (13,) of the loop's estimator: position in the world in m, quaternion wxyz, velocity in the world in m/s,
     body rates in rad/s; `planned` (4,) position on the sequence's path in m and yaw in rad. Action (4,) from -1 to 1:
     setpoint relative to the estimated position (REACH_M along each world axis) and yaw (REACH_RAD). Reward: share of
-    the structure's surface first seen in this frame at the loop's `coverage_px_m`; CRASH_REWARD for a crash or for
-    leaving the corridor. Truncated at the end of the path or at the loop's time limit. The seed of `reset` replaces the
-    sequence's: scene, wind, noise and path. UserError when the loop cannot fly the sequence, or it has no IMU.
+    the structure's surface first seen in this frame at the loop's `coverage_px_m`; CRASH_REWARD for a crash, for
+    straying from the path, and for a tracker's fault where the loop ends on it. Truncated at the end of the path or at
+    the loop's time limit. The seed of `reset` replaces the sequence's: scene, wind, noise and path. UserError when the
+    loop cannot fly the sequence, or it has no IMU.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from tests.bench.small_suites import FLOWN
+from tests.bench.test_closed_loop import Watching, box
+from uavbench.bench.closed_loop.spec import LoopSpec, Pilot
+from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.errors import UserError
 
 gymnasium = pytest.importorskip("gymnasium", reason="the extra uavbench[gym]")
@@ -82,6 +85,19 @@ def test_an_agent_that_dives_is_told_of_its_crash(env):
             break
     assert failed and reward == CRASH_REWARD
     assert about["status"] == "crashed" and "floor" in about["why"]
+
+
+def test_a_fault_ends_an_episode_where_the_loop_says_so():
+    """As a crash does, by reward and termination."""
+    loop = LoopSpec(estimator="truth", on_fault="end")
+    tracker = Watching(lambda stamp_ns: 1 / 0 if stamp_ns > 0.1e9 else TrackResult(status="lost"))
+    made = InspectionEnv(box(), Pilot(label="it", tracker=tracker, rate_hz=15.0, loop=loop))
+    made.reset(seed=1)
+    told = [made.step(np.zeros(4))[1:] for _ in range(2)]
+    made.close()
+    assert [(failed, over) for _, failed, over, _ in told] == [(False, False), (True, False)]
+    assert told[0][0] >= 0 and told[1][0] == CRASH_REWARD
+    assert told[1][3]["status"] == "stopped" and "division by zero" in told[1][3]["why"]
 
 
 @pytest.mark.parametrize("action", [np.full(4, np.nan), np.zeros(3), np.zeros((1, 4)), np.array([0, 0, np.inf, 0])])
