@@ -1,6 +1,7 @@
 """Fly a sequence in closed loop: simulate, render, track, estimate, control, in lockstep and deterministic."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from uavbench.bench.closed_loop.checks import check_loop, loop_imu
@@ -53,7 +54,8 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
             if on_step is not None and simulation.step % (10 * BLOCK) == 0:
                 on_step(simulation.step, simulation.steps)
     verdicts = loop.estimator.verdicts if loop.estimator is not None else []
-    return notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.camera, verdicts)
+    flown = notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.camera, verdicts)
+    return replace(flown, readings=loop.sensors.tables())
 
 
 class Loop:

@@ -18,7 +18,7 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.registry import named
-from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, stamps_between
+from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, Table, stamps_between
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 NEVER_NS = 2**63 - 1
@@ -41,7 +41,7 @@ class LiveSensor:
     def __init__(self, name: str, sensor: LiveSensorSpec, steps: int, obstacles: ObstacleMesh, seed: int) -> None:
         self.name, self.sensor = name, sensor
         self.stamps = stamps_between(0, (steps - 1) * STEP_NS, sensor.rate_hz)
-        self.width = len(getattr(type(sensor), "measured", ()))
+        self.columns: tuple[str, ...] = tuple(getattr(type(sensor), "measured", ()))
         self._reader: Reader = sensor.begin(len(self.stamps), obstacles, stream(seed, "sensor", name))
         self._due_ns: list[int] = self.stamps.tolist()
         self._done, self.next_ns = 0, 0
@@ -53,9 +53,15 @@ class LiveSensor:
         end = bisect_right(self._due_ns, row * STEP_NS, self._done)
         before = self._due_ns[max(self._done - 1, 0)] // STEP_NS
         new = self.stamps[self._done : end]
-        values = self._reader.read(part(record, before, row), new)[:, : self.width]
+        values = self._reader.read(part(record, before, row), new)[:, : len(self.columns)]
         self._done, self.next_ns = end, self._due_ns[end] if end < len(self._due_ns) else NEVER_NS
         return [Reading(self.name, self.sensor, t, v) for t, v in zip(new.tolist(), values, strict=True)]
+
+    def samples(self, readings: list[Reading]) -> Samples:
+        """Readings of this sensor as arrays."""
+        stamps = np.array([reading.stamp_ns for reading in readings], dtype=np.int64)
+        values = np.array([reading.values for reading in readings]).reshape(len(readings), len(self.columns))
+        return Samples(stamps, values)
 
 
 class Sensors:
@@ -65,6 +71,7 @@ class Sensors:
         self._live = [LiveSensor(n, live(s), steps, obstacles, spec.seed) for n, s in named(spec.sensors).items()]
         self._outages_ns = [(a * 1e9, b * 1e9) for a, b in loop.gnss_outages_s]
         self._kept: dict[str, list[Reading]] = {sensor.name: [] for sensor in self._live}
+        self._all: dict[str, list[Reading]] = {sensor.name: [] for sensor in self._live}
         self.has_fix = False
         self._next_ns = 0
         self.body = body_of(spec)
@@ -76,6 +83,7 @@ class Sensors:
         new = [self._seen(reading) for sensor in self._live for reading in sensor.read(record, row)]
         for reading in new:
             self._kept[reading.name].append(reading)
+            self._all[reading.name].append(reading)
         self._next_ns = min((sensor.next_ns for sensor in self._live), default=NEVER_NS)
         return new
 
@@ -85,11 +93,14 @@ class Sensors:
         for sensor in self._live:
             kept = self._kept[sensor.name]
             count = sum(reading.stamp_ns <= stamp_ns for reading in kept)
-            stamps = np.array([reading.stamp_ns for reading in kept[:count]], dtype=np.int64)
-            values = np.array([reading.values for reading in kept[:count]]).reshape(count, sensor.width)
-            out[sensor.name] = Samples(stamps, values)
+            out[sensor.name] = sensor.samples(kept[:count])
             del kept[:count]
         return out
+
+    def tables(self) -> dict[str, Table]:
+        """All readings so far, by sensor, as the vehicle had them."""
+        samples = {sensor: sensor.samples(self._all[sensor.name]) for sensor in self._live}
+        return {sensor.name: Table(sensor.columns, of.stamps_ns, of.values) for sensor, of in samples.items()}
 
     def _seen(self, reading: Reading) -> Reading:
         """The reading, without a fix during a GNSS outage."""

@@ -31,6 +31,8 @@ ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
 """Bytes of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
 FLOWN_ROW_BYTES, FLOWN_RATE_HZ, FLOWN_FIXED_BYTES = 370.0, 50.0, 1e4
 """Bytes of a row of path.csv, its rate, and bytes of the records of a flight, measured on the box."""
+FLOWN_READING_BYTES = 130.0
+"""Bytes of a reading of a flight, measured with the IMU."""
 FLOWN_FRAME_BYTES = 1100.0
 """Bytes of a frame in the tables of a flight, measured with `robust`; with `truth` it is a half."""
 VIDEO_FRAME_BYTES = 6e4
@@ -117,7 +119,7 @@ def _extent(
     if isinstance(first, Fly):
         plan = replace(plan, duration_s=min(plan.duration_s, first.pilot.loop.time_limit_s or math.inf))
         frames = _frames_flown(spec, plan.duration_s, first.pilot.rate_hz)
-        size = _bytes_flown(frames, plan.duration_s) + VIDEO_FRAME_BYTES * frames * (first.folder in videos)
+        size = _bytes_flown(spec, frames, plan.duration_s) + VIDEO_FRAME_BYTES * frames * (first.folder in videos)
         marker = FLIGHT_MARKER.name
     else:
         frames = _frames(plan.duration_s - max(spec.clock.shift_ns, 0) / 1e9, spec.rate_hz)
@@ -141,8 +143,10 @@ def _frames_flown(spec: SequenceSpec, duration_s: float, rate_hz: float) -> int:
     return _frames(duration_s - 5e-4 * (exposure_ms + readout_ms), rate_hz)
 
 
-def _bytes_flown(frames: int, duration_s: float) -> float:
-    return FLOWN_FIXED_BYTES + FLOWN_FRAME_BYTES * frames + FLOWN_ROW_BYTES * FLOWN_RATE_HZ * duration_s
+def _bytes_flown(spec: SequenceSpec, frames: int, duration_s: float) -> float:
+    readings = FLOWN_READING_BYTES * sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors)
+    per_s = readings + FLOWN_ROW_BYTES * FLOWN_RATE_HZ
+    return FLOWN_FIXED_BYTES + FLOWN_FRAME_BYTES * frames + per_s * duration_s
 
 
 def _plan(spec: SequenceSpec) -> FlightSummary | str:

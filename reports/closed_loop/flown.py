@@ -6,14 +6,16 @@
     frames.csv ...   results of the tracker, as for a sequence (`uavbench.tracker.results`), and ground truth
     answers.csv      when each frame's result reached the filter
     innovations.csv  innovation of each measurement, and whether the filter rejected it
+    imu.csv ...      readings of each of the body's sensors, as the vehicle had them
     model.obj edges.csv camera.toml    the structure and the camera
 
 Except for times.csv and its hash in record.json, all files are identical byte for byte on every run, unless the latency
 is a measured one.
 """
 
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from uavbench.tracker.results import Results
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.sensors.sensor import Table, write_table
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import read_trajectory
 
@@ -73,7 +76,8 @@ class Flown:
     """One flight in closed loop.
 
     groundtruth: of the body at each frame; plan (n, 5): columns PLAN_COLUMNS; answered_ns (frames,): when each result
-    reached the filter; innovations: rows of INNOVATION_COLUMNS.
+    reached the filter; innovations: rows of INNOVATION_COLUMNS; readings: of the body's sensors by name; empty when
+    loaded, as no measure needs them.
     """
 
     results: Results
@@ -84,6 +88,7 @@ class Flown:
     innovations: ListOf[ListOf[Any]]
     structure: Structure
     camera: Camera
+    readings: Mapping[str, Table] = field(default_factory=dict)
 
     @property
     def record(self) -> dict[str, Any]:
@@ -100,6 +105,8 @@ class Flown:
             answers = np.column_stack([self.results.stamps_ns, self.answered_ns]).reshape(-1, 2)
             write_csv(new / "answers.csv", ANSWER_COLUMNS, answers.tolist())
             write_csv(new / "innovations.csv", INNOVATION_COLUMNS, self.innovations)
+            for name, table in self.readings.items():
+                write_table(table, new / f"{name}.csv")
             save_structure(self.structure, new)
             self.camera.save(new / "camera.toml")
 

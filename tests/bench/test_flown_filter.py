@@ -1,4 +1,6 @@
-"""The filter in flight against a plain one of the tests, on the readings and answers of a real flight."""
+"""The filter in flight against a plain one of the tests, on the readings and answers that a flight recorded."""
+
+import csv
 
 import numpy as np
 import pytest
@@ -20,8 +22,8 @@ ASSUMED = FilterSpec(camera_slow_share=0.6, camera_slow_s=1.0, camera_bias_m=0.0
 
 
 @pytest.fixture(scope="module")
-def flight():
-    """A flight around a box on poses with noise, and what its tracker was given of the IMU."""
+def flight(tmp_path_factory):
+    """A flight around a box on poses with noise, what its tracker was given of the IMU, and the flight's folder."""
     spec = box(sensors=(Imu(gyro_bias_rad_s=0.01, accel_bias_m_s2=0.05),))
     honest = flown(spec, GroundTruth())
     true = {stamp: honest.groundtruth.pose(i) for i, stamp in enumerate(honest.results.stamps_ns.tolist())}
@@ -34,14 +36,28 @@ def flight():
     tracker = Watching(with_noise)
     found = flown(spec, tracker, filter=ASSUMED)
     assert not any(row[4] for row in found.innovations), "no pose is rejected"
-    return spec, found, tracker.seen["samples"]
+    folder = tmp_path_factory.mktemp("flown") / "it"
+    found.save(folder)
+    return spec, found, tracker.seen["samples"], folder
 
 
-def readings_of(samples):
-    """Stamps (n,) in ns, rates and forces (n, 3) of an IMU's samples."""
-    stamps = np.concatenate([part["imu"].stamps_ns for part in samples])
-    values = np.concatenate([part["imu"].values for part in samples])
+def readings_of(folder):
+    """Stamps (n,) in ns, rates and forces (n, 3) of the recorded IMU."""
+    with (folder / "imu.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    assert list(rows[0]) == ["stamp_ns", *Imu.measured]
+    stamps = np.array([int(row["stamp_ns"]) for row in rows])
+    values = np.array([[float(row[column]) for column in Imu.measured] for row in rows])
     return stamps, values[:, :3], values[:, 3:]
+
+
+def test_a_flight_records_the_readings_that_its_tracker_was_given_up_to_the_end(flight):
+    _, found, samples, folder = flight
+    stamps, rates, forces = readings_of(folder)
+    given = np.concatenate([part["imu"].values for part in samples])
+    np.testing.assert_array_equal(np.hstack([rates, forces])[: len(given)], given)
+    assert len(given) < len(stamps)
+    assert stamps[-1] >= found.path.stamps_ns[-1]
 
 
 def started(spec, found):
@@ -58,9 +74,9 @@ def started(spec, found):
     return PlainFilter(state, *noises, *walks, ASSUMED.camera_slow_s, gate=chi2.ppf(ASSUMED.gate, 6))
 
 
-def states_of(plain, spec, found, samples):
+def states_of(plain, spec, found, folder):
     """States of the plain filter at the stamps of the IMU's samples, each after the frames up to it."""
-    stamps, rates, forces = readings_of(samples)
+    stamps, rates, forces = readings_of(folder)
     bias = np.repeat([ASSUMED.camera_bias_m, np.radians(ASSUMED.camera_bias_deg)], 3)
     frames = list(zip(found.results.stamps_ns.tolist(), found.results.rows, strict=True))
     now, reading, out = 0, None, {}
@@ -84,8 +100,8 @@ def states_of(plain, spec, found, samples):
 
 
 def test_the_filter_agrees_with_a_plain_one_on_the_sensors_of_a_flight(flight):
-    spec, found, samples = flight
-    states = states_of(started(spec, found), spec, found, samples)
+    spec, found, _, folder = flight
+    states = states_of(started(spec, found), spec, found, folder)
     path = found.path
     rows = [i for i, stamp in enumerate(path.stamps_ns.tolist()) if stamp in states and stamp > 0]
     assert len(rows) > 30
