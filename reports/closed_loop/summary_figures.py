@@ -20,33 +20,41 @@ from uavbench.reports.style import colour, line, marker, panel_letter
 
 STATUS_COLOUR = {"completed": "#9EB300", "crashed": "#E82267", "strayed": "#67001C", "timed out": "#735F0C"}
 """Colours of failed flights by status; one that left its corridor is `completed`."""
+ESTIMATOR = "estimator"
+"""Key of `[loop]` that may differ beside a swept number: a curve for each."""
 LEAST_CM = 0.1
 """Lower limit of the path errors on the logarithmic axis."""
 
 
 @dataclass(frozen=True)
 class SweptLoops:
-    """The only number in which the loops of a suite differ: its dotted key, and its value by name of the loop."""
+    """The only number in which the loops of a suite differ, beside the estimator.
+
+    key: dotted; values, estimators: by name of the loop; the latter are empty where all loops have the same.
+    """
 
     key: str
     values: Mapping[str, float]
+    estimators: Mapping[str, str]
 
 
 def swept_loops(tables: Mapping[str, Mapping[str, Any]]) -> SweptLoops | None:
-    """The parameter that the `[loop]` tables of a suite sweep, given by name.
+    """The parameter that the `[loop]` tables of a suite sweep, given by name, for one estimator or for each.
 
-    None unless they differ in exactly one number, with LEAST_VALUES values or more.
+    None unless they differ in exactly one number, with LEAST_VALUES values or more, and at most in the estimator.
     """
     configs = {name: dict(leaves(table)) for name, table in tables.items()}
     keys = {key for config in configs.values() for key in config}
-    differing = [key for key in keys if len({repr(config.get(key)) for config in configs.values()}) > 1]
-    if len(differing) != 1:
+    differing = {key for key in keys if len({repr(config.get(key)) for config in configs.values()}) > 1}
+    estimators = {name: str(config[ESTIMATOR]) if ESTIMATOR in differing else "" for name, config in configs.items()}
+    if len(differing - {ESTIMATOR}) != 1:
         return None
-    values = {name: config.get(differing[0]) for name, config in configs.items()}
+    (key,) = differing - {ESTIMATOR}
+    values = {name: config.get(key) for name, config in configs.items()}
     numbers = {name: float(v) for name, v in values.items() if isinstance(v, int | float) and not isinstance(v, bool)}
     if len(numbers) < len(configs) or len(set(numbers.values())) < LEAST_VALUES:
         return None
-    return SweptLoops(differing[0], numbers)
+    return SweptLoops(key, numbers, estimators)
 
 
 def success_of_runs(scores: ListOf[FlightScore], stem: Path) -> list[Path]:
@@ -116,10 +124,11 @@ def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Fig
 
 
 def _curves(scores: ListOf[FlightScore], found: SweptLoops) -> dict[str, dict[float, list[FlightScore]]]:
-    """Scores by tracker and rate, then by value of the swept parameter."""
+    """Scores by tracker, rate and estimator, then by value of the swept parameter."""
     curves: dict[str, dict[float, list[FlightScore]]] = {}
     for score in scores:
         name, _, variant = score.run.partition("+")
+        name = " ".join(filter(None, (name, found.estimators[variant])))
         curves.setdefault(name, {}).setdefault(found.values[variant], []).append(score)
     return curves
 

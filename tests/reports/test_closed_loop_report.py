@@ -122,6 +122,10 @@ LATENCY = {"estimator": "filter", "latency": {"kind": "constant", "ms": 0.0}}
     ({str(ms): {**LATENCY, "latency": {"kind": "constant", "ms": ms}} for ms in (0.0, 50.0, 200.0)}, "latency.ms"),
     ({str(ms): {**LATENCY, "latency": {"kind": "constant", "ms": ms}} for ms in (0.0, 50.0)}, None),
     ({name: {**LATENCY, "estimator": name} for name in ("filter", "camera", "truth")}, None),
+    ({f"{e}{ms}": {"estimator": e, "latency": {"kind": "constant", "ms": ms}}
+      for e in ("filter", "camera") for ms in (0.0, 50.0, 200.0)}, "latency.ms"),
+    ({f"{e}{ms}": {"estimator": e, "prior": e == "filter", "latency": {"kind": "constant", "ms": ms}}
+      for e in ("filter", "camera") for ms in (0.0, 50.0, 200.0)}, None),
     ({str(k): {"corridor_m": 0.1 * k, "time_limit_s": 1.0 * k} for k in range(3)}, None),
     ({"": LATENCY}, None),
 ])  # fmt: skip
@@ -129,7 +133,20 @@ def test_loops_are_swept_where_one_number_alone_differs(tables, key):
     found = swept_loops(tables)
     assert (found and found.key) == key
     if found:
-        assert list(found.values.values()) == [0.0, 50.0, 200.0]
+        assert list(dict.fromkeys(found.values.values())) == [0.0, 50.0, 200.0]
+        assert set(found.estimators.values()) == ({""} if len(tables) == 3 else {"filter", "camera"})
+
+
+def test_each_estimator_has_a_curve_of_its_own_along_what_both_sweep(tmp_path):
+    loops = {f"{e}-{ms}": (e, ms) for e in ("filter", "camera") for ms in (0, 50, 200)}
+    tables = {name: {"estimator": e, "latency": {"ms": float(ms)}} for name, (e, ms) in loops.items()}
+    fates = {name: "++-" if name == "camera-200" else "+++" for name in loops}
+    scores = [s for loop, fate in fates.items() for s in flights(f"a@15hz+{loop}", fate)]
+    with house_style():
+        along_loops(scores, swept_loops(tables), tmp_path / "along")
+    rows = [row.split(",")[:4] for row in (tmp_path / "along.csv").read_text().splitlines()[1:]]
+    expected = [[f"a@15hz {e}", str(ms), "3", "2" if (e, ms) == ("camera", 200) else "3"] for e, ms in loops.values()]
+    assert rows == expected
 
 
 def test_figures_over_flights_are_the_same_twice(tmp_path):
