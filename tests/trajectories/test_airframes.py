@@ -157,3 +157,11 @@ def test_an_mjcf_that_is_no_quadrotor_is_told_why(old: str, new: str, told: str,
         AirframeFile(str(path)).build(Mount())
     with pytest.raises(UserError, match="no such file"):
         AirframeFile(str(tmp_path / "none.toml")).build(Mount())
+
+
+def test_a_warning_of_mujoco_leaves_no_file_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would append to MUJOCO_LOG.TXT in the user's folder."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="nan"):
+        physics().MjModel.from_xml_string('<mujoco><worldbody><body><geom size="nan"/></body></worldbody></mujoco>')
+    assert list(tmp_path.iterdir()) == []

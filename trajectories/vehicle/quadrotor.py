@@ -27,7 +27,11 @@ INERTIA_KG_M2 = (1e-10, 1e6)
 
 
 def physics() -> ModuleType:
-    """MuJoCo, imported without any OpenGL; the environment is left as it was."""
+    """MuJoCo, imported without any OpenGL; the environment is left as it was.
+
+    Its warnings, which it appends to MUJOCO_LOG.TXT in the current folder, are dropped unless the program has a handler
+    of its own: what they tell of a flight, its checks tell by name.
+    """
     before = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
     try:
@@ -37,6 +41,8 @@ def physics() -> ModuleType:
             del os.environ["MUJOCO_GL"]
         else:
             os.environ["MUJOCO_GL"] = before
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda text: None)
     module: ModuleType = mujoco
     return module
 
