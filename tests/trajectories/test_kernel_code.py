@@ -1,4 +1,7 @@
-"""A large kernel is compiled once and called by its symbol; a small one is linked into its callers."""
+"""A large kernel is compiled once and called by its symbol; a small one is linked into its callers.
+
+One that allocates nothing counts no references.
+"""
 
 import json
 import os
@@ -6,6 +9,10 @@ import subprocess
 import sys
 
 import pytest
+
+from uavbench.scenes.generate import generate
+from uavbench.scenes.rendering.antialiasing.coverage import antialias
+from uavbench.trajectories.kernels.warm_up import kernels_of
 
 TERMS = "\n".join(f"    total += values[{k % 4}] * {k}.0 + len(values)" for k in range(30))
 KERNELS = f"""from uavbench.trajectories.kernels.compiled import compiled
@@ -77,3 +84,12 @@ def run(folder):
     assert result == RESULT
     assert kinds == KINDS
     return [name for name in heard if name in KINDS]
+
+
+def test_a_kernel_that_allocates_nothing_counts_no_references():
+    plain = [kernel for kernel in kernels_of([generate.__module__]) if not kernel.allocates]
+    assert antialias in plain
+    for kernel in plain:
+        kernel.compile(None)
+        for code in kernel.overloads.values():
+            assert b"NRT_incref" not in code.library._get_compiled_object(), kernel.__name__

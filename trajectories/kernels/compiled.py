@@ -27,10 +27,12 @@ class Kernel(CPUDispatcher):
     targetctx: Any
     _cache: Any
 
-    def __init__(self, function: Callable[..., Any], declared: tuple[Any, ...], inner: bool) -> None:
+    def __init__(
+        self, function: Callable[..., Any], declared: tuple[Any, ...], *, inner: bool, allocates: bool
+    ) -> None:
         pipeline = InnerCompiler if inner else DeclaredCompiler
-        super().__init__(function, targetoptions=dict(OPTIONS), pipeline_class=pipeline)
-        self.declared, self.inner = declared, inner
+        super().__init__(function, targetoptions={**OPTIONS, "_nrt": allocates}, pipeline_class=pipeline)
+        self.declared, self.inner, self.allocates = declared, inner, allocates
         self._cache = cache_of(function, inner)
 
     def compile(self, sig: Any) -> Any:
@@ -70,7 +72,7 @@ class Kernel(CPUDispatcher):
     @cached_property
     def for_python(self) -> Any:
         """The kernel itself, or an inner one compiled so that Python can call it: for tests and notebooks."""
-        return Kernel(self.py_func, self.declared, inner=False) if self.inner else self
+        return Kernel(self.py_func, self.declared, inner=False, allocates=self.allocates) if self.inner else self
 
     def _take_no_more(self) -> None:
         self.disable_compile(self.inner is False)
@@ -96,16 +98,17 @@ def compiled(arguments: F) -> F: ...
 
 
 @overload
-def compiled(arguments: str, *, inner: bool = False, **tuples: Any) -> Callable[[F], F]: ...
+def compiled(arguments: str, *, inner: bool = False, allocates: bool = True, **tuples: Any) -> Callable[[F], F]: ...
 
 
-def compiled(arguments: Any, *, inner: bool = False, **tuples: Any) -> Any:
+def compiled(arguments: Any, *, inner: bool = False, allocates: bool = True, **tuples: Any) -> Any:
     """Decorator that compiles a function with numba for declared `arguments`: see `argument_types`.
 
     tuples: the named tuples among the arguments. Compiled by `warm_up.prepare` or on the first call, and cached. Sums
     keep their order, so results are reproducible. `inner`: called by other kernels only, which compiles faster; a
-    call from Python compiles it once more. Plain `@compiled` is for a function that only kernels call, compiled for
-    the types of each caller.
+    call from Python compiles it once more. `allocates=False`: it makes no arrays and counts no references to those it
+    is given, which takes as long as the rest where small kernels are called for every pixel with tuples of arrays.
+    Plain `@compiled` is for a function that only kernels call, compiled for the types of each caller.
     """
     if not isinstance(arguments, str):
         kernel = cast(Any, numba).jit(**OPTIONS, pipeline_class=KernelCompiler)(arguments)
@@ -116,7 +119,7 @@ def compiled(arguments: Any, *, inner: bool = False, **tuples: Any) -> Any:
     def decorate(function: F) -> F:
         if cast(Any, numba).config.DISABLE_JIT:
             return function
-        kernel = Kernel(function, argument_types(arguments, tuples), inner)
+        kernel = Kernel(function, argument_types(arguments, tuples), inner=inner, allocates=allocates)
         KERNELS.append(kernel)
         return cast(F, kernel)
 

@@ -1,91 +1,171 @@
 """Kernels of geometric antialiasing (Persson 2011): pixels mixed by the places of outlines between them."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.rendering.antialiasing.border_kernels import FACET_TABLE, borders, ready
+from uavbench.scenes.rendering.facets import Rows
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
 
-BESIDE, ABOVE, BELOW = 0, 1, 2
-"""Neighbours of a pixel: the next one in the row, and those in the rows above and below."""
+BESIDE = 2
+"""Row of `BorderRows` of the borders between a pixel and the next one in its row; 0 and 1 are those between rows."""
 
 
-@compiled("u3 s3 facets i1! u3!", facets=FACET_TABLE)
-def antialias(color: Any, numbers: Any, facets: Any, seen: Any, out: Any) -> None:
+class BorderRows(NamedTuple):
+    """Scratch: the borders, see `Border`, of a row of w pixels with the rows above and below it, and within it.
+
+    places (3, w, 2), 0.5 where there is no border; between (3, w); mixed (2, w): 1 for the pixels of this row and the
+    next that have any, else 0; columns (w,) of some of them.
+    """
+
+    places: Array
+    between: Rows
+    mixed: NDArray[np.uint8]
+    columns: Rows
+
+    @classmethod
+    def of(cls, width: int) -> "BorderRows":
+        """Scratch for rows of a width in px."""
+        places, between = np.full((3, width, 2), 0.5), np.empty((3, width), dtype=np.int64)
+        return cls(places, between, np.zeros((2, width), dtype=np.uint8), np.empty(width, dtype=np.int64))
+
+
+BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! i1!")
+
+
+@compiled("u3 s3 facets i1! rows u3!", allocates=False, facets=FACET_TABLE, rows=BORDER_ROWS)
+def antialias(color: Any, numbers: Any, facets: Any, seen: Any, rows: Any, out: Any) -> None:
     """Out (h, w, 3) BGR: the square root of the light of each pixel and its neighbours by the share that each covers.
 
     color (h, w, 4) RGBA is square-root coded and numbers (h, w, 2) are depth and facet + 1, from the bottom row on;
     seen (n + 1,) is scratch for n facets. A facet between two pixels has the colour of the last pixel that shows it.
     """
-    h, w = out.shape[0], out.shape[1]
+    h = out.shape[0]
     facets.outlines[:, 3, 2] = np.nan
+    _first_seen(numbers, seen)
+    for v in range(h):
+        _copy(color[h - 1 - v], out[v])
+        _find_borders(numbers, facets, v, seen, rows)
+        _mix(color, v, seen, rows, out)
+
+
+@compiled
+def _first_seen(numbers: Any, seen: Any) -> None:
+    """Set the last pixel of each facet that begins a run in its row, -1 for none."""
+    h, w = numbers.shape[0], numbers.shape[1]
     seen[:] = -1
     for y in range(h):
         for u in range(1, w):
             if numbers[y, u, 1] != numbers[y, u - 1, 1]:
                 seen[int(numbers[y, u, 1])] = y * w + u
-    places, between = np.full((3, w, 2), 0.5), np.full((3, w), -1)
-    mixed, light = np.zeros((2, w + 1), dtype=np.bool_), np.zeros(3)
-    for v in range(h):
-        y = h - 1 - v
-        places[ABOVE], between[ABOVE] = places[BELOW], between[BELOW]
-        places[BESIDE], places[BELOW] = 0.5, 0.5
-        now, then = mixed[v % 2], mixed[1 - v % 2]
-        then[:] = False
-        for u in range(w):
-            here = numbers[y, u, 1]
-            right = numbers[y, u + 1, 1] if u + 1 < w else here
-            down = numbers[y - 1, u, 1] if y else here
-            if right == here and down == here:
-                continue
-            row = int(here) - 1
-            seen[row + 1] = y * w + u
-            ready(facets, row)
-            now[u] = True
-            if right != here:
-                now[u + 1] = True
-                other = int(right) - 1
-                ready(facets, other)
-                places[BESIDE, u, 0], places[BESIDE, u, 1], between[BESIDE, u] = borders(facets, row, other, u, v, 0)
-            if down != here:
-                then[u] = True
-                other = int(down) - 1
-                ready(facets, other)
-                places[BELOW, u, 0], places[BELOW, u, 1], between[BELOW, u] = borders(facets, row, other, u, v, 1)
-        for u in range(w):
-            if not now[u]:
-                for k in range(3):
-                    out[v, u, k] = color[y, u, 2 - k]
-                continue
-            before, after, over, under = max(u - 1, 0), min(u + 1, w - 1), min(y + 1, h - 1), max(y - 1, 0)
-            left, left_strip = _beyond(places[BESIDE, before, 0], places[BESIDE, before, 1]) if u else (0.0, 0.0)
-            right, right_strip = _beyond(1.0 - places[BESIDE, u, 1], 1.0 - places[BESIDE, u, 0])
-            top, top_strip = _beyond(places[ABOVE, u, 0], places[ABOVE, u, 1])
-            bottom, bottom_strip = _beyond(1.0 - places[BELOW, u, 1], 1.0 - places[BELOW, u, 0])
-            total = left + right + top + bottom + left_strip + right_strip + top_strip + bottom_strip
-            if total == 0.0:
-                for k in range(3):
-                    out[v, u, k] = color[y, u, 2 - k]
-                continue
-            rest, scale = max(1.0 - total, 0.0), 1.0 / max(total, 1.0)
-            light[:] = 0.0
-            _add(color, y, u, rest, light)
-            _add(color, y, before, scale * left, light)
-            _add(color, y, after, scale * right, light)
-            _add(color, over, u, scale * top, light)
-            _add(color, under, u, scale * bottom, light)
-            for row, share in (
-                (between[BESIDE, before], left_strip),
-                (between[BESIDE, u], right_strip),
-                (between[ABOVE, u], top_strip),
-                (between[BELOW, u], bottom_strip),
-            ):
-                if share > 0.0:
-                    place = seen[row + 1] if seen[row + 1] >= 0 else y * w + u
-                    _add(color, place // w, place % w, scale * share, light)
-            for k in range(3):
-                out[v, u, k] = np.uint8(np.sqrt(light[k]) + 0.5)
+
+
+@compiled
+def _copy(color: Any, out: Any) -> None:
+    """Colours (w, 4) RGBA of a row as BGR."""
+    for u in range(out.shape[0]):
+        out[u, 0], out[u, 1], out[u, 2] = color[u, 2], color[u, 1], color[u, 0]
+
+
+@compiled
+def _find_borders(numbers: Any, facets: Any, v: int, seen: Any, rows: Any) -> None:
+    """Borders of the pixels of row v with those to their right and below them."""
+    h, w = numbers.shape[0], numbers.shape[1]
+    y, places, between = h - 1 - v, rows.places, rows.between
+    below, now, then = 1 - v % 2, rows.mixed[v % 2], rows.mixed[1 - v % 2]
+    for k in range(_unlike(numbers[y], numbers[max(y - 1, 0)], rows.columns)):
+        u = rows.columns[k]
+        here = numbers[y, u, 1]
+        right = numbers[y, u + 1, 1] if u + 1 < w else here
+        down = numbers[y - 1, u, 1] if y else here
+        row = int(here) - 1
+        seen[row + 1] = y * w + u
+        ready(facets, row)
+        now[u] = 1
+        if right != here:
+            now[u + 1] = 1
+            other = int(right) - 1
+            ready(facets, other)
+            places[BESIDE, u, 0], places[BESIDE, u, 1], between[BESIDE, u] = borders(facets, row, other, u, v, 0)
+        if down != here:
+            then[u] = 1
+            other = int(down) - 1
+            ready(facets, other)
+            places[below, u, 0], places[below, u, 1], between[below, u] = borders(facets, row, other, u, v, 1)
+
+
+@compiled
+def _unlike(numbers: Any, under: Any, columns: Any) -> int:
+    """List the pixels (w,) whose facet is not that of the one to their right and of the one below; returns how many.
+
+    Without a branch, which would often be mispredicted.
+    """
+    last = columns.size - 1
+    count: int = 0
+    for u in range(last):
+        here = numbers[u, 1]
+        columns[count] = u
+        count += (here != numbers[u + 1, 1]) | (here != under[u, 1])
+    columns[count] = last
+    count += numbers[last, 1] != under[last, 1]
+    return count
+
+
+@compiled
+def _marked(marks: Any, columns: Any) -> int:
+    """List where marks (w,) are 1, not 0; returns how many."""
+    count: int = 0
+    for u in range(marks.size):
+        columns[count] = u
+        count += marks[u]
+    return count
+
+
+@compiled
+def _mix(color: Any, v: int, seen: Any, rows: Any, out: Any) -> None:
+    """Mix the pixels of row v that have borders, and clear these borders for the rows to come."""
+    h, w = out.shape[0], out.shape[1]
+    y, places, between, now = h - 1 - v, rows.places, rows.between, rows.mixed[v % 2]
+    above, below = v % 2, 1 - v % 2
+    over, under = min(y + 1, h - 1), max(y - 1, 0)
+    columns = rows.columns
+    count = _marked(now, columns)
+    for k in range(count):
+        u = columns[k]
+        before, after = max(u - 1, 0), min(u + 1, w - 1)
+        left, left_strip = _beyond(places[BESIDE, before, 0], places[BESIDE, before, 1]) if u else (0.0, 0.0)
+        right, right_strip = _beyond(1.0 - places[BESIDE, u, 1], 1.0 - places[BESIDE, u, 0])
+        top, top_strip = _beyond(places[above, u, 0], places[above, u, 1])
+        bottom, bottom_strip = _beyond(1.0 - places[below, u, 1], 1.0 - places[below, u, 0])
+        total = left + right + top + bottom + left_strip + right_strip + top_strip + bottom_strip
+        if total == 0.0:
+            continue
+        rest, scale = max(1.0 - total, 0.0), 1.0 / max(total, 1.0)
+        light = _add(color, y, u, rest, (0.0, 0.0, 0.0))
+        light = _add(color, y, before, scale * left, light)
+        light = _add(color, y, after, scale * right, light)
+        light = _add(color, over, u, scale * top, light)
+        light = _add(color, under, u, scale * bottom, light)
+        for row, share in (
+            (between[BESIDE, before], left_strip),
+            (between[BESIDE, u], right_strip),
+            (between[above, u], top_strip),
+            (between[below, u], bottom_strip),
+        ):
+            if share > 0.0:
+                place = seen[row + 1] if seen[row + 1] >= 0 else y * w + u
+                light = _add(color, place // w, place % w, scale * share, light)
+        for channel in range(3):
+            out[v, u, channel] = np.uint8(np.sqrt(light[channel]) + 0.5)
+    for k in range(count):
+        u = columns[k]
+        now[u] = 0
+        for i in range(2):
+            places[BESIDE, u, i] = places[above, u, i] = 0.5
 
 
 @compiled
@@ -95,12 +175,12 @@ def _beyond(begins: float, ends: float) -> tuple[float, float]:
 
 
 @compiled
-def _add(color: Any, y: int, u: int, share: float, light: Any) -> None:
-    """Add a share of the light of a pixel to light (3,) BGR, in squared codes."""
-    if share > 0.0:
-        for k in range(3):
-            value = float(color[y, u, 2 - k])
-            light[k] += share * value * value
+def _add(color: Any, y: int, u: int, share: float, light: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Light BGR, in squared codes, plus a share of the light of a pixel."""
+    if share <= 0.0:
+        return light
+    b, g, r = float(color[y, u, 2]), float(color[y, u, 1]), float(color[y, u, 0])
+    return light[0] + share * b * b, light[1] + share * g * g, light[2] + share * r * r
 
 
 @compiled("s3 u1 s2! u2!")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.antialiasing.border_kernels import FacetTable
-from uavbench.scenes.rendering.antialiasing.coverage import antialias, depth_and_instances
+from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, depth_and_instances
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import Facets
 from uavbench.trajectories.pose import Array, Pose
@@ -51,7 +51,7 @@ class Outlines:
         K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         table.image_from_world[:] = K @ moment.cam_from_world.matrix[:3]
         out = np.empty((*color.shape[:2], 3), dtype=np.uint8)
-        antialias(color, numbers, table, self._seen, out)
+        antialias(color, numbers, table, self._seen, BorderRows.of(color.shape[1]), out)
         return out
 
     def geometry(self, numbers: NDArray[np.float32]) -> Geometry:
