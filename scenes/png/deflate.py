@@ -14,6 +14,8 @@ END = 256
 SYMBOLS = 286
 SHORTEST, LONGEST = 3, 258
 """Shortest and longest match of deflate (section 3.2.5)."""
+STRETCH = 32
+"""Bytes that are looked through at once for runs: a vector of most processors."""
 TOKENS = END + LONGEST + 1
 """Tokens: literals, the end of a block, and END + n for a run of n bytes."""
 CODE_BITS, META_BITS = 15, 7
@@ -31,14 +33,15 @@ def room_words(size: int) -> int:
 @compiled("u1 w1!")
 def deflate(data: Any, out: Any) -> int:
     """Compress data (n,) of bytes into out (room_words,), least significant bit first; returns the number of bits."""
-    tokens = np.empty(BLOCK, dtype=np.uint16)
+    tokens, tallies = np.empty(BLOCK, dtype=np.uint16), np.empty((4, TOKENS), dtype=np.int64)
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
     words, bits = np.zeros(TOKENS, dtype=np.uint64), np.zeros(TOKENS, dtype=np.int64)
     at = 0
     for start in range(0, data.size, BLOCK):
         stop = min(start + BLOCK, data.size)
-        number = _tokens(data, start, stop, tokens, counts)
+        number = _tokens(data, start, stop, tokens)
+        _count(tokens[:number], tallies, counts)
         code_lengths(counts, CODE_BITS, lengths)
         codes(lengths, symbol_codes)
         at = _put(out, at, (2 << 1) | int(stop == data.size), 3)
@@ -49,29 +52,76 @@ def deflate(data: Any, out: Any) -> int:
     return at
 
 
-@compiled
-def _tokens(data: Any, start: int, stop: int, tokens: Any, counts: Any) -> int:
-    """Tokenize data[start:stop] and count its symbols; returns the number of tokens."""
-    counts[:] = 0
+@compiled("u1 i0 i0 h1!", inner=True, allocates=False)
+def _tokens(data: Any, start: int, stop: int, tokens: Any) -> int:
+    """Tokenize data[start:stop]; returns the number of tokens."""
     number, i = 0, start
     while i < stop:
-        value = data[i]
-        # one branch instead of three, each of which would often be mispredicted for noisy images
-        is_run = 0 < i < stop - 2 and (value ^ data[i - 1]) | (value ^ data[i + 1]) | (value ^ data[i + 2]) == 0
-        if is_run:
-            end, furthest = i + SHORTEST, min(stop, i + LONGEST)
-            while end < furthest and data[end] == value:
-                end += 1
-            tokens[number] = END + end - i
-            counts[_run_symbol(end - i)] += 1
-            i = end
-        else:
-            tokens[number] = value
-            counts[value] += 1
-            i += 1
-        number += 1
-    counts[END] = 1
+        if 0 < i < stop - STRETCH - 2 and not _has_run(data, i):
+            _copy(data[i : i + STRETCH], tokens[number : number + STRETCH])
+            i += STRETCH
+            number += STRETCH
+            continue
+        end = min(i + STRETCH, stop)
+        while i < end:
+            value = data[i]
+            run = _run(data, i, stop)
+            tokens[number] = END + run if run else value
+            i += max(run, 1)
+            number += 1
     return number
+
+
+@compiled
+def _has_run(data: Any, start: int) -> bool:
+    """Whether a run begins in a stretch, of which one byte before and two after are there; without branches."""
+    before, here = data[start - 1 : start - 1 + STRETCH], data[start : start + STRETCH]
+    after, last = data[start + 1 : start + 1 + STRETCH], data[start + 2 : start + 2 + STRETCH]
+    found = np.uint8(0)
+    for k in range(STRETCH):
+        unlike = (here[k] ^ before[k]) | (here[k] ^ after[k]) | (here[k] ^ last[k])
+        found |= np.uint8(unlike == 0)
+    return bool(found != 0)
+
+
+@compiled
+def _copy(data: Any, tokens: Any) -> None:
+    """Literals as tokens."""
+    for k in range(STRETCH):
+        tokens[k] = data[k]
+
+
+@compiled
+def _run(data: Any, i: int, stop: int) -> int:
+    """Length of the run that begins at a place: bytes like the one before; 0 for less than the shortest match."""
+    value = data[i]
+    # one branch instead of three, each of which would often be mispredicted for noisy images
+    if not (0 < i < stop - 2 and (value ^ data[i - 1]) | (value ^ data[i + 1]) | (value ^ data[i + 2]) == 0):
+        return 0
+    end, furthest = i + SHORTEST, min(stop, i + LONGEST)
+    while end < furthest and data[end] == value:
+        end += 1
+    return end - i
+
+
+@compiled("h1 i2! i1!", inner=True, allocates=False)
+def _count(tokens: Any, tallies: Any, counts: Any) -> None:
+    """Count the symbols of tokens, in turns in four tallies (4, TOKENS): a count need not wait for the one before."""
+    tallies[:] = 0
+    whole = tokens.size - tokens.size % 4
+    for i in range(0, whole, 4):
+        tallies[0, tokens[i]] += 1
+        tallies[1, tokens[i + 1]] += 1
+        tallies[2, tokens[i + 2]] += 1
+        tallies[3, tokens[i + 3]] += 1
+    for i in range(whole, tokens.size):
+        tallies[0, tokens[i]] += 1
+    counts[:] = 0
+    for token in range(TOKENS):
+        symbol = token if token < END + SHORTEST else _run_symbol(token - END)
+        for k in range(4):
+            counts[symbol] += tallies[k, token]
+    counts[END] = 1
 
 
 @compiled
@@ -134,13 +184,20 @@ def _put(out: Any, at: int, word: int, count: int) -> int:
     return at + count
 
 
-@compiled
+@compiled("w1! i0 h1 w1 i1", inner=True, allocates=False)
 def _put_tokens(out: Any, at: int, tokens: Any, words: Any, bits: Any) -> int:
-    """Write the bit patterns of all tokens, as `_put` with the current output word buffered; returns the next bit."""
+    """Write the bit patterns of all tokens, as `_put` with the current output word buffered; returns the next bit.
+
+    Three at once, which have at most 63 bits: a word is full less often than not, which is predicted.
+    """
     k, fill = at >> 6, at & 63
     buffer = out[k] if fill else np.uint64(0)
-    for token in tokens:
-        word, count = words[token], bits[token]
+    whole = tokens.size - tokens.size % 3
+    for i in range(0, whole, 3):
+        first, second, third = tokens[i], tokens[i + 1], tokens[i + 2]
+        count = bits[first] + bits[second]
+        word = words[first] | (words[second] << np.uint64(bits[first])) | (words[third] << np.uint64(count))
+        count += bits[third]
         buffer |= word << np.uint64(fill)
         fill += count
         if fill >= 64:
@@ -150,4 +207,7 @@ def _put_tokens(out: Any, at: int, tokens: Any, words: Any, bits: Any) -> int:
             buffer = word >> np.uint64(count - fill)
     if fill:
         out[k] = buffer
-    return 64 * k + fill
+    at = 64 * k + fill
+    for i in range(whole, tokens.size):
+        at = _put(out, at, words[tokens[i]], bits[tokens[i]])
+    return at

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.filters import AVERAGE, UP, filter_rows
 
@@ -37,7 +38,7 @@ def png(image: NDArray[Any], *, smooth: bool = False) -> bytes:
     size = -(-deflate(filtered.reshape(-1), stream) // 8)
     packed = stream.astype("<u8", copy=False).view(np.uint8)[:size]
     head = struct.pack(">IIBBBBB", w, h, 8 * wide, RGB if color else GREY, 0, 0, 0)
-    checksum = struct.pack(">I", zlib.adler32(filtered))
+    checksum = struct.pack(">I", adler32(filtered.reshape(-1)))
     chunks = (_chunk(b"IHDR", head), _chunk(b"IDAT", ZLIB_HEADER, packed, checksum), _chunk(b"IEND"))
     return b"".join([SIGNATURE, *chain.from_iterable(chunks)])
 

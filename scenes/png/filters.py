@@ -10,25 +10,43 @@ UP, AVERAGE = 2, 3
 """Filter types (PNG specification, third edition, section 9.2)."""
 
 
-@compiled("u2 i0 i0 u2!")
+@compiled("u2 i0 i0 u2!", allocates=False)
 def filter_rows(rows: Any, pixel: int, kind: int, out: Any) -> None:
     """Residuals of rows (h, n) of bytes against the row above (UP), or its mean with the pixel to the left (AVERAGE).
 
     out (h, 1 + n) has the filter type before each row; pixel is the number of bytes per pixel.
     """
     h, n = rows.shape
-    above = np.zeros(n, dtype=np.uint8)
+    first = min(pixel, n)
     for i in range(h):
         out[i, 0] = kind
-        row, into = rows[i], out[i, 1:]
+        row, above, into = rows[i], rows[max(i - 1, 0)], out[i][1:]
         if kind == UP:
-            for j in range(n):
-                into[j] = np.uint8(row[j] - above[j])
+            _less(row, above, i > 0, into)
         else:
-            for j in range(min(pixel, n)):
-                into[j] = np.uint8(row[j] - (above[j] >> 1))
-            left, here, over, rest = row[: n - pixel], row[pixel:], above[pixel:], into[pixel:]
-            for j in range(n - pixel):
-                a, b = left[j], over[j]
-                rest[j] = here[j] - ((a & b) + ((a ^ b) >> np.uint8(1)))  # their mean, in 8 bits
-        above[:] = row
+            for j in range(first):
+                into[j] = row[j] - (above[j] >> 1 if i else 0)
+            _less_mean(row[: n - first], row[first:], above[first:], i > 0, into[first:])
+
+
+@compiled
+def _less(row: Any, above: Any, has_above: bool, out: Any) -> None:
+    """Out (n,) = row - above, or row where there is none above."""
+    if has_above:
+        for j in range(out.size):
+            out[j] = row[j] - above[j]
+    else:
+        for j in range(out.size):
+            out[j] = row[j]
+
+
+@compiled
+def _less_mean(left: Any, row: Any, above: Any, has_above: bool, out: Any) -> None:
+    """Out (n,) = row minus the mean of left and above, which is 0 where there is none."""
+    if has_above:
+        for j in range(out.size):
+            a, b = left[j], above[j]
+            out[j] = row[j] - ((a & b) + ((a ^ b) >> np.uint8(1)))  # their mean, in 8 bits
+    else:
+        for j in range(out.size):
+            out[j] = row[j] - (left[j] >> np.uint8(1))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.encoder import ENCODING, png
 from uavbench.scenes.png.huffman import code_lengths
@@ -115,3 +116,9 @@ def test_codes_of_very_uneven_symbols_are_cut_to_what_deflate_allows() -> None:
     assert lengths.max() == 15
     assert (1 << (15 - lengths)).sum() == 1 << 15
     assert (np.diff(lengths) <= 0).all(), "more frequent, no longer"
+
+
+@pytest.mark.parametrize("size", [0, 1, 5503, 5504, 5505, 400000])
+def test_the_checksum_is_that_of_zlib(size: int) -> None:
+    for data in (RNG.integers(0, 256, size, dtype=np.uint8), np.full(size, 255, dtype=np.uint8)):
+        assert adler32(data) == zlib.adler32(data)
