@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.edges.sample_kernels import clip_edges, places_beside, project, sample_edges, see
 from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Sequence
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
@@ -18,11 +19,10 @@ from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sa
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
-STEP_PX = 2.0
-NEAR_M = 0.02
-"""Near plane, metres: nearer parts of an edge are ignored."""
 SIDE_PX = 2.5
 """Distance on either side of an edge at which its contrast is measured, px."""
+MOST_PLACES = 32766
+"""Most places that OpenCV's `remap` samples in one row."""
 
 
 def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
@@ -42,8 +42,8 @@ def write_edges(
 ) -> None:
     """Write `edges/NNNNNN.csv`: each visible part of each edge, with its ends, share of the edge, and contrast."""
     rows = visible_edges(structure, source, view, image)
-    lines = [",".join(EDGE_COLUMNS)]
-    lines += [f"{int(r[0])}," + ",".join(f"{value:.4f}" for value in r[1:]) for r in rows.tolist()]
+    line = "%d" + ",%.4f" * (len(EDGE_COLUMNS) - 1)
+    lines = [",".join(EDGE_COLUMNS), *(line % tuple(row) for row in rows.tolist())]
     path = folder / "edges" / f"{frame:06d}.csv"
     path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -56,17 +56,14 @@ def visible_edges(structure: Structure, source: CameraSimulator, view: View, ima
     the adjacent pixels). visible_share is its fraction of the edge's length in metres; contrast the mean difference of
     grey levels SIDE_PX to its left and right.
     """
-    pinhole = source.pinhole
+    pinhole, camera = source.pinhole, source.camera
     ends = view.cam_from_world.transform(structure.edge_segments.reshape(-1, 3)).reshape(-1, 2, 3)
     which, share, points = _samples(ends, pinhole)
-    column, row = np.rint(_projected(points, pinhole)).astype(int).T
-    h, w = view.depth.shape
-    column, row = column.clip(0, w - 1), row.clip(0, h - 1)
+    pixels = _pixels(points, camera)
     behind = np.where(view.depth > 0, view.depth, np.float32(1e9))
-    furthest = np.asarray(cv2.dilate(behind, np.ones((3, 3), dtype=np.uint8)))
-    seen = points[:, 2] <= 1.01 * furthest[row, column] + 1e-3
-    pixels = source.camera.project(points) if len(points) else np.zeros((0, 2))
-    seen &= ((pixels >= -0.5) & (pixels <= [source.camera.width - 0.5, source.camera.height - 0.5])).all(axis=1)
+    furthest = np.asarray(cv2.dilate(behind, np.ones((3, 3), dtype=np.uint8)), dtype=np.float32)
+    seen = np.empty(len(points), dtype=np.bool_)
+    see(points, _intrinsics(pinhole), furthest, pixels, (camera.width, camera.height), seen)
     return _stretches(which, share, pixels, seen, _contrast(pixels, which, seen, image))
 
 
@@ -80,64 +77,33 @@ class EdgeSamples(NamedTuple):
 
 def _samples(ends: Array, pinhole: Camera) -> EdgeSamples:
     """Samples STEP_PX apart in the image on the parts of edges (n, 2, 3) inside the view frustum."""
-    begin, end = _within(ends, pinhole)
-    kept = np.flatnonzero(begin < end)
-    from_end = [ends[kept, 0] + t[kept, None] * (ends[kept, 1] - ends[kept, 0]) for t in (begin, end)]
-    a, b = (_projected(points, pinhole) for points in from_end)
-    count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / STEP_PX).astype(int) + 1, 3)
-    row = np.repeat(np.arange(len(kept)), count)
-    first = np.cumsum(count) - count
-    even = (np.arange(len(row)) - first[row]) / (count[row] - 1)
-    near, far = (points[row, 2] for points in from_end)
-    along = even * near / (even * near + (1 - even) * far)  # perspective: even steps in the image are uneven in space
-    points = from_end[0][row] + along[:, None] * (from_end[1] - from_end[0])[row]
-    return EdgeSamples(kept[row], begin[kept][row] + along * (end - begin)[kept][row], points)
+    shares, counts = np.empty((len(ends), 2)), np.empty(len(ends), dtype=np.int64)
+    total = clip_edges(ends, _intrinsics(pinhole), (pinhole.width, pinhole.height), shares, counts)
+    samples = EdgeSamples(np.empty(total, dtype=np.int64), np.empty(total), np.empty((total, 3)))
+    sample_edges(ends, shares, counts, *samples)
+    return samples
 
 
-class SharesInView(NamedTuple):
-    """Parameters (n,) along edges, 0..1, at which they enter and leave the view frustum."""
-
-    begin: Array
-    end: Array
-
-
-def _within(ends: Array, pinhole: Camera) -> SharesInView:
-    """Clip edges (n, 2, 3) in the camera frame against the view frustum (Liang & Barsky 1984).
-
-    Not shared with the trackers' `geometry_kernels.clip_segment`, whose rounding would change the bytes of edges/*.csv.
-    """
-    x, y, z = (ends[..., k] for k in range(3))
-    u, v = x * pinhole.fx + z * pinhole.cx, y * pinhole.fy + z * pinhole.cy
-    inward = [z - NEAR_M, u + 0.5 * z, (pinhole.width - 0.5) * z - u, v + 0.5 * z, (pinhole.height - 0.5) * z - v]
-    begin, end = np.zeros(len(ends)), np.ones(len(ends))
-    for side in inward:
-        start, stop = side.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = start / (start - stop)
-        begin = np.where((start < 0) & (stop >= 0), np.maximum(begin, crossing), begin)
-        end = np.where((start >= 0) & (stop < 0), np.minimum(end, crossing), end)
-        end = np.where((start < 0) & (stop < 0), 0.0, end)
-    return SharesInView(begin, end)
+def _pixels(points: Array, camera: Camera) -> Array:
+    """Pixels (n, 2) of points (n, 3) in the camera frame."""
+    if camera.distortion_model != "none":
+        return camera.project(points) if len(points) else np.zeros((0, 2))
+    pixels = np.empty((len(points), 2))
+    project(points, _intrinsics(camera), pixels)
+    return pixels
 
 
-def _projected(points: Array, pinhole: Camera) -> Array:
-    return np.asarray(points[:, :2] / points[:, 2:] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy])
+def _intrinsics(camera: Camera) -> tuple[float, float, float, float]:
+    return float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
 
 
 def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> Array:
     """Difference (n,) of grey levels across the edge at each sample, 0 where it is not visible."""
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float32)
-    along = np.zeros_like(pixels)
-    same = which[1:] == which[:-1]
-    along[:-1][same] = (pixels[1:] - pixels[:-1])[same]
-    along[1:][same] += (pixels[1:] - pixels[:-1])[same]
-    norm = np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.divide(along[:, ::-1] * [-1, 1], norm, out=np.zeros_like(along), where=norm > 1e-9)
-    out = np.zeros(len(pixels))
-    if seen.any():
-        sides = [
-            sample(grey, (pixels[seen] + sign * SIDE_PX * across[seen]).astype(np.float32)[None])[0] for sign in (1, -1)
-        ]
+    places, out = np.empty((2, int(seen.sum()), 2), dtype=np.float32), np.zeros(len(pixels))
+    if places_beside(pixels, which, seen, SIDE_PX, places):
+        parts = range(0, places.shape[1], MOST_PLACES)
+        sides = [np.concatenate([sample(grey, side[None, k : k + MOST_PLACES])[0] for k in parts]) for side in places]
         out[seen] = np.abs(sides[0] - sides[1])
     return out
 

@@ -1,0 +1,143 @@
+"""Kernels of samples along edges: clipping, sampling, visibility, and places beside an edge.
+
+Not shared with the trackers' `geometry_kernels.clip_segment`, whose rounding would change the bytes of edges/*.csv.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from uavbench.trajectories.kernels.compiled import compiled
+
+STEP_PX = 2.0
+"""Distance of samples in the image, px."""
+FEWEST = 3
+"""Fewest samples on an edge in view."""
+NEAR_M = 0.02
+"""Near plane, metres: nearer parts of an edge are ignored."""
+OCCLUDED_SHARE, OCCLUDED_M = 1.01, 1e-3
+"""A point is visible up to this multiple of the depth of the pixels around it, plus metres."""
+SHORTEST_PX = 1e-9
+"""Distance of the samples before and after one, px, below which the edge has no direction in the image."""
+
+
+@compiled("f3 (f0 f0 f0 f0) (i0 i0) f2! i1!", allocates=False)
+def clip_edges(ends: Any, intrinsics: Any, size: Any, shares: Any, counts: Any) -> int:
+    """Clip edges (n, 2, 3) in the camera frame against the view frustum (Liang & Barsky 1984); returns the samples.
+
+    intrinsics fx fy cx cy and size width height in px; shares (n, 2) along each edge, 0..1, at which it enters and
+    leaves; counts (n,) of its samples, 0 outside.
+    """
+    fx, fy, cx, cy = intrinsics
+    width, height = size
+    total: int = 0
+    for k in range(ends.shape[0]):
+        enters, leaves = 0.0, 1.0
+        x0, y0, z0 = ends[k, 0, 0], ends[k, 0, 1], ends[k, 0, 2]
+        x1, y1, z1 = ends[k, 1, 0], ends[k, 1, 1], ends[k, 1, 2]
+        u0, v0, u1, v1 = x0 * fx + z0 * cx, y0 * fy + z0 * cy, x1 * fx + z1 * cx, y1 * fy + z1 * cy
+        for start, stop in (
+            (z0 - NEAR_M, z1 - NEAR_M),
+            (u0 + 0.5 * z0, u1 + 0.5 * z1),
+            ((width - 0.5) * z0 - u0, (width - 0.5) * z1 - u1),
+            (v0 + 0.5 * z0, v1 + 0.5 * z1),
+            ((height - 0.5) * z0 - v0, (height - 0.5) * z1 - v1),
+        ):
+            if start < 0 and stop >= 0:
+                enters = max(enters, start / (start - stop))
+            elif start >= 0 and stop < 0:
+                leaves = min(leaves, start / (start - stop))
+            elif start < 0 and stop < 0:
+                leaves = 0.0
+        shares[k, 0], shares[k, 1], counts[k] = enters, leaves, 0
+        if enters < leaves:
+            ax, ay = _image_place(_along(x0, x1, enters), _along(y0, y1, enters), _along(z0, z1, enters), intrinsics)
+            bx, by = _image_place(_along(x0, x1, leaves), _along(y0, y1, leaves), _along(z0, z1, leaves), intrinsics)
+            length = np.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+            counts[k] = max(int(np.ceil(length / STEP_PX)) + 1, FEWEST)
+        total += counts[k]
+    return total
+
+
+@compiled
+def _along(start: float, stop: float, share: float) -> float:
+    """The place at a share of the way."""
+    return start + share * (stop - start)
+
+
+@compiled
+def _image_place(x: float, y: float, z: float, intrinsics: Any) -> tuple[float, float]:
+    """Pixel of a point in the camera frame."""
+    fx, fy, cx, cy = intrinsics
+    return x / z * fx + cx, y / z * fy + cy
+
+
+@compiled("f3 f2 i1 i1! f1! f2!", allocates=False)
+def sample_edges(ends: Any, shares: Any, counts: Any, which: Any, share: Any, points: Any) -> None:
+    """Samples (m,), evenly spaced in the image, of edges clipped by `clip_edges`.
+
+    which: the edge; share: the place along it (0..1); points (m, 3) in the camera frame.
+    """
+    i = 0
+    for k in range(ends.shape[0]):
+        begin, end = shares[k, 0], shares[k, 1]
+        near, far = _along(ends[k, 0, 2], ends[k, 1, 2], begin), _along(ends[k, 0, 2], ends[k, 1, 2], end)
+        for n in range(counts[k]):
+            even = n / (counts[k] - 1)
+            along = even * near / (even * near + (1 - even) * far)  # even steps in the image are uneven in space
+            which[i], share[i] = k, begin + along * (end - begin)
+            for axis in range(3):
+                start = _along(ends[k, 0, axis], ends[k, 1, axis], begin)
+                stop = _along(ends[k, 0, axis], ends[k, 1, axis], end)
+                points[i, axis] = start + along * (stop - start)
+            i += 1
+
+
+@compiled("f2 (f0 f0 f0 f0) f2!", allocates=False)
+def project(points: Any, intrinsics: Any, pixels: Any) -> None:
+    """Pixels (m, 2) of points (m, 3) in the frame of a camera without distortion."""
+    for i in range(points.shape[0]):
+        pixels[i, 0], pixels[i, 1] = _image_place(points[i, 0], points[i, 1], points[i, 2], intrinsics)
+
+
+@compiled("f2 (f0 f0 f0 f0) s2 f2 (i0 i0) b1!", allocates=False)
+def see(points: Any, intrinsics: Any, furthest: Any, pixels: Any, size: Any, seen: Any) -> None:
+    """Whether points (m, 3) are not occluded in the pinhole's view, and their pixels (m, 2) inside the image.
+
+    intrinsics: those of the pinhole; furthest (h, w): the largest depth in metres around each of its pixels; size:
+    width and height of the image in px.
+    """
+    width, height = size
+    for i in range(points.shape[0]):
+        u, v = _image_place(points[i, 0], points[i, 1], points[i, 2], intrinsics)
+        column = min(max(int(np.rint(u)), 0), furthest.shape[1] - 1)
+        row = min(max(int(np.rint(v)), 0), furthest.shape[0] - 1)
+        depth = np.float32(np.float32(OCCLUDED_SHARE) * furthest[row, column]) + np.float32(OCCLUDED_M)
+        inside = -0.5 <= pixels[i, 0] <= width - 0.5 and -0.5 <= pixels[i, 1] <= height - 0.5
+        seen[i] = points[i, 2] <= depth and inside
+
+
+@compiled("f2 i1 b1 f0 s3!", allocates=False)
+def places_beside(pixels: Any, which: Any, seen: Any, side_px: float, places: Any) -> int:
+    """Places (2, m, 2) in px on either side of the edge at each of m visible samples; returns their number.
+
+    pixels (n, 2) and which (n,): the samples and their edges, whose direction is that of the samples before and after.
+    """
+    count: int = 0
+    last = pixels.shape[0] - 1
+    for i in range(last + 1):
+        if not seen[i]:
+            continue
+        x = y = 0.0
+        if i < last and which[i + 1] == which[i]:
+            x, y = pixels[i + 1, 0] - pixels[i, 0], pixels[i + 1, 1] - pixels[i, 1]
+        if i > 0 and which[i] == which[i - 1]:
+            x, y = x + (pixels[i, 0] - pixels[i - 1, 0]), y + (pixels[i, 1] - pixels[i - 1, 1])
+        norm = np.sqrt(x * x + y * y)
+        across_x, across_y = (-y / norm, x / norm) if norm > SHORTEST_PX else (0.0, 0.0)
+        for side in range(2):
+            offset = side_px if side == 0 else -side_px
+            places[side, count, 0] = np.float32(pixels[i, 0] + offset * across_x)
+            places[side, count, 1] = np.float32(pixels[i, 1] + offset * across_y)
+        count += 1
+    return count
