@@ -16,6 +16,7 @@ from uavbench.scenes.effects.exposure import row_knots
 from uavbench.scenes.image_files import load_image
 from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sample
+from uavbench.scenes.rendering.pixel_kernels import depth_units
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
@@ -27,9 +28,10 @@ MOST_PLACES = 32766
 
 def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
     """Write `depth/NNNNNN.png`: along the optical axis at the frame's stamp, 16 bits of DEPTH_M_PER_UNIT metres."""
-    units = np.rint(_as_camera(source, view.depth) / DEPTH_M_PER_UNIT)
-    units[units > 65535] = 0
-    _write(folder / "depth" / f"{frame:06d}.png", units.astype(np.uint16))
+    depth = np.ascontiguousarray(_as_camera(source, view.depth), dtype=np.float32)
+    units = np.empty(depth.shape, dtype=np.uint16)
+    depth_units(depth.reshape(-1), DEPTH_M_PER_UNIT, units.reshape(-1))
+    _write(folder / "depth" / f"{frame:06d}.png", units)
 
 
 def write_mask(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
@@ -60,10 +62,8 @@ def visible_edges(structure: Structure, source: CameraSimulator, view: View, ima
     ends = view.cam_from_world.transform(structure.edge_segments.reshape(-1, 3)).reshape(-1, 2, 3)
     which, share, points = _samples(ends, pinhole)
     pixels = _pixels(points, camera)
-    behind = np.where(view.depth > 0, view.depth, np.float32(1e9))
-    furthest = np.asarray(cv2.dilate(behind, np.ones((3, 3), dtype=np.uint8)), dtype=np.float32)
     seen = np.empty(len(points), dtype=np.bool_)
-    see(points, _intrinsics(pinhole), furthest, pixels, (camera.width, camera.height), seen)
+    see(points, _intrinsics(pinhole), view.depth, pixels, (camera.width, camera.height), seen)
     return _stretches(which, share, pixels, seen, _contrast(pixels, which, seen, image))
 
 

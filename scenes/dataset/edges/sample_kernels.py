@@ -101,20 +101,37 @@ def project(points: Any, intrinsics: Any, pixels: Any) -> None:
 
 
 @compiled("f2 (f0 f0 f0 f0) s2 f2 (i0 i0) b1!", allocates=False)
-def see(points: Any, intrinsics: Any, furthest: Any, pixels: Any, size: Any, seen: Any) -> None:
+def see(points: Any, intrinsics: Any, depth: Any, pixels: Any, size: Any, seen: Any) -> None:
     """Whether points (m, 3) are not occluded in the pinhole's view, and their pixels (m, 2) inside the image.
 
-    intrinsics: those of the pinhole; furthest (h, w): the largest depth in metres around each of its pixels; size:
-    width and height of the image in px.
+    intrinsics: those of the pinhole; depth (h, w): of its view in metres, 0 for the background; size: width and height
+    of the image in px.
     """
     width, height = size
     for i in range(points.shape[0]):
-        u, v = _image_place(points[i, 0], points[i, 1], points[i, 2], intrinsics)
-        column = min(max(int(np.rint(u)), 0), furthest.shape[1] - 1)
-        row = min(max(int(np.rint(v)), 0), furthest.shape[0] - 1)
-        depth = np.float32(np.float32(OCCLUDED_SHARE) * furthest[row, column]) + np.float32(OCCLUDED_M)
         inside = -0.5 <= pixels[i, 0] <= width - 0.5 and -0.5 <= pixels[i, 1] <= height - 0.5
-        seen[i] = points[i, 2] <= depth and inside
+        u, v = _image_place(points[i, 0], points[i, 1], points[i, 2], intrinsics)
+        seen[i] = inside and _unoccluded(points[i, 2], depth, int(np.rint(u)), int(np.rint(v)))
+
+
+@compiled
+def _unoccluded(z: float, depth: Any, column: int, row: int) -> bool:
+    """Whether a point at a depth is not behind a pixel, clipped to the image, or not behind one of those around it."""
+    h, w = depth.shape
+    column, row = min(max(column, 0), w - 1), min(max(row, 0), h - 1)
+    if _before(z, depth[row, column]):
+        return True
+    for i in range(max(row - 1, 0), min(row + 2, h)):
+        for j in range(max(column - 1, 0), min(column + 2, w)):
+            if _before(z, depth[i, j]):
+                return True
+    return False
+
+
+@compiled
+def _before(z: float, depth: Any) -> bool:
+    """Whether a point is not behind what a pixel shows; depth 0 is background."""
+    return bool(depth <= 0 or z <= np.float32(np.float32(OCCLUDED_SHARE) * depth) + np.float32(OCCLUDED_M))
 
 
 @compiled("f2 i1 b1 f0 s3!", allocates=False)
