@@ -1,5 +1,7 @@
 """The edges that the ground truth tells of lie where they are drawn, by measurement below the pixel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,19 @@ def test_true_edges_lie_within_a_tenth_of_a_pixel_of_the_drawn_ones(name: str) -
     assert len(off) >= 20
     assert np.abs(off).max() < 0.1
     assert abs(np.mean(off)) < 0.03
+
+
+def test_a_frame_may_have_more_visible_samples_than_a_row_of_an_image_of_opencv() -> None:
+    structure, part = block()
+    many = replace(structure, edges=np.tile(structure.edges, (200, 1)))
+    camera, pose = CAMERAS["pinhole"], looking((0.8, -0.5, 0.6), (0.02, 0.01, 0.14))
+    with Renderer((part,), FLAT_LIGHT, camera.width, camera.height) as renderer:
+        source = ideal_camera(renderer, camera, camera, None, lambda _: pose)
+        light = source.image(0)
+        assert light is not None
+        once, often = (visible_edges(each, source, source.render(0), encode(light)) for each in (structure, many))
+    assert np.hypot(*(often[:, 3:5] - often[:, 1:3]).T).sum() > 2 * 32767  # samples are 2 px apart
+    assert np.array_equal(often[: len(once)], once)
 
 
 def across_the_edge(light: np.ndarray, ends: np.ndarray, camera: Camera, pose: object) -> float:
