@@ -84,15 +84,21 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"trajectories/sensors/{name}.py", "trajectories/test_ranging", "trajectories/test_sensors")
             for name in ("lidar", "range_finder", "ranging")
         ),
-        *(
-            _target(f"trajectories/gimbal/{name}.py", "trajectories/test_gimbal")
-            for name in ("axes", "encoder", "gimbal", "motion", "pointing", "servo")
-        ),
         _target("trajectories/sensors/satellites.py", "trajectories/test_gnss", "trajectories/test_sensors"),
         _target("scenes/dataset/surfaces/surface_truth.py", "scenes/test_surface_truth"),
         *(
             _target(f"tracker/fusion/{name}.py", "tracker/test_fusion_measurements", "tracker/test_fusion")
             for name in ("measurements", "vehicle_filter")
+        ),
+    ),
+    "gimbal": (
+        *(
+            _target(f"trajectories/gimbal/{name}.py", "trajectories/test_gimbal")
+            for name in ("axes", "encoder", "gimbal", "motion", "pointing", "servo")
+        ),
+        *(
+            _target(f"scenes/{name}.py", "scenes/test_gimbal_sequences")
+            for name in ("dataset/gimbal_files", "exports/ros/gimbal_messages")
         ),
     ),
     "noise": (
@@ -115,10 +121,28 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("bench/inputs/content_hash.py", "bench/test_content_hash", "bench/test_content"),
         _target("bench/inputs/file_paths.py", "bench/test_file_paths", "bench/test_content"),
         _target("trajectories/source_files.py", "trajectories/test_source_files", "bench/test_content"),
+    ),
+    "files": (
         *(
-            _target(f"trajectories/files/{name}.py", "trajectories/test_listed", "trajectories/test_files")
-            for name in ("listed", "seals")
+            _target(
+                f"trajectories/files/{name}.py",
+                "trajectories/test_listed",
+                "trajectories/test_files",
+                "trajectories/test_placing",
+                "trajectories/test_renames",
+            )
+            for name in ("listed", "origin", "placing", "seals", "temporary_names", "writing")
         ),
+        _target("trajectories/files/intact.py", "trajectories/test_intact"),
+        _target("bench/runner/written_files.py", "bench/test_written_files"),
+        _target("bench/runner/output_folder.py", "bench/test_output_folder"),
+    ),
+    "reading": (
+        _target("trajectories/files/reading.py", "trajectories/test_reading"),
+        _target("trajectories/processes/reading_apart.py", "trajectories/test_reading_apart"),
+        _target("trajectories/trajectory_files/number_lines.py", "trajectories/test_number_lines"),
+        _target("bench/external/rows.py", "bench/test_external_rows"),
+        _target("bench/external/kept_folder.py", "bench/test_kept_folder"),
     ),
     "processes": (_target("trajectories/processes/guard.py", "trajectories/test_guard"),),
 }

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,8 +14,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import origin, writing
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.origin import owning
-from uavbench.trajectories.files.seals import is_sealed, seal
-from uavbench.trajectories.files.temporary_names import remove_leftovers, temporary
+from uavbench.trajectories.files.seals import is_sealed, seal, seal_table, sealed_kind
+from uavbench.trajectories.files.temporary_names import remove_leftovers, start_ticks, temporary
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts, write_text
 
 RECORD, REPORT = Marker("record.json", "estimates"), Marker("report.json", "report")
@@ -56,6 +57,11 @@ def snapshot(folder):
         return (path.read_bytes() if path.is_file() else "", path.lstat().st_mode)
 
     return {path.relative_to(folder).as_posix(): told(path) for path in sorted(folder.rglob("*"))}
+
+
+def sealed_without_kind(before):
+    """A seal and the end of its line, as the first versions wrote it after the opening of a comment."""
+    return b"uavbench-made-" + hashlib.sha256(before).hexdigest().encode() + b"\n"
 
 
 def test_parts_are_not_written_into_a_file(tmp_path):
@@ -112,6 +118,36 @@ def test_a_sealed_file_is_written_anew_until_somebody_changes_it(tmp_path, suffi
         with pytest.raises(UserError, match="is not an unmodified file of uavbench"):
             write()
         assert path.read_bytes() == changed
+
+
+@pytest.mark.parametrize(
+    ("found", "wanted", "told"),
+    [
+        ("camera", "airframe", "was written by uavbench as `camera`, not as `airframe`; move it"),
+        ("camera", "", "was written by uavbench as `camera`; move it"),
+        (None, "camera", "was written by an earlier version of uavbench, which did not record what it is; move it"),
+    ],
+)
+def test_a_product_of_another_kind_is_not_written_over(tmp_path, found, wanted, told):
+    path = tmp_path / "a.toml"
+    if found is None:
+        path.write_bytes(b"a = 1\n# " + sealed_without_kind(b"a = 1\n# "))
+    else:
+        write_text(path, "a = 1\n", kind=found)
+    before = path.read_bytes()
+    with pytest.raises(UserError, match=re.escape(f"a.toml: {told}")):
+        write_text(path, "a = 2\n", kind=wanted)
+    assert path.read_bytes() == before
+
+
+def test_a_folder_of_another_kind_is_not_written_over(tmp_path):
+    with new_folder(tmp_path / "a", REPORT) as new:
+        write_text(new / "frames.csv", "1\n")
+        write_text(new / RECORD.name, "{}\n")
+    before = snapshot(tmp_path)
+    with pytest.raises(UserError, match=r"a: contains (frames\.csv|report\.json)"):
+        make(tmp_path / "a", "frames.csv")
+    assert snapshot(tmp_path) == before
 
 
 def test_a_file_without_a_seal_is_never_written_anew(tmp_path):
@@ -364,6 +400,41 @@ def test_processes_that_clean_up_at_the_same_time_do_not_trip_over_each_other(tm
     assert [process.stderr.read() for process in together] == [b""] * 4
     assert [process.wait() for process in together] == [0] * 4
     assert not list(tmp_path.iterdir())
+
+
+def test_a_table_is_sealed_on_request_alone(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("1\n")
+    seal(path, "table")
+    assert path.read_text() == "1\n"
+    seal_table(path, "table")
+    assert path.read_text().startswith("1\n# table; ")
+    assert sealed_kind(path) == "table"
+    path.write_text(path.read_text().replace("1\n", "2\n"))
+    assert sealed_kind(path) is None
+
+
+def test_a_seal_keeps_to_the_format_of_its_file(tmp_path):
+    for name, text in (("a.json", '{"a": 1}'), ("b.json", "[1]\n"), ("c.csv", "{\n}\n")):
+        (tmp_path / name).write_text(text)
+        seal(tmp_path / name, "note")
+        assert (tmp_path / name).read_text() == text, "a format without comments, or not as we write it"
+    (tmp_path / "d.txt").write_text("{\n}\n")
+    seal(tmp_path / "d.txt", "note")
+    assert (tmp_path / "d.txt").read_text().startswith("{\n}\n# note; ")
+
+
+def test_a_process_has_one_start_while_it_lives_and_none_afterwards():
+    process = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=subprocess.PIPE)
+    start = start_ticks(process.pid)
+    assert start == start_ticks(process.pid)
+    assert int(start) >= int(start_ticks(os.getpid()))
+    process.kill()
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+    assert start_ticks(process.pid) == ""  # not yet waited for
+    process.wait()
+    assert start_ticks(process.pid) == ""
+    process.stdin.close()
 
 
 def test_a_seal_is_of_one_file(tmp_path):

@@ -148,6 +148,25 @@ def test_with_a_pitch_axis_alone_the_image_rolls_with_the_body_and_with_two_it_d
     assert view(Gimbal(axes="roll-pitch").along(flown, TARGET_M), flown, 0)[1] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_two_axes_hold_level_and_pitch_on_a_body_that_is_tilted_both_ways():
+    flown = flight(np.tile(turned(0.3, 0.35, -0.2), (2, 1, 1)))
+    pitch, level, _ = view(Gimbal(axes="roll-pitch", pitch_deg=-25.0).along(flown, TARGET_M), flown, 0)
+    assert (math.degrees(pitch), level) == (pytest.approx(-25.0), pytest.approx(0.0, abs=1e-12))
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_on_a_body_that_lies_on_its_side_the_roll_joint_is_commanded_to_a_quarter_turn(side):
+    """The sine of its angle is one, or by rounding a little more."""
+    for yaw in np.linspace(-3.0, 3.0, 200):
+        on_its_side = flight(np.tile(turned(yaw, side * math.pi / 2, 0.0), (2, 1, 1))).pose(0)
+        assert Gimbal().commands(on_its_side, TARGET_M).roll == pytest.approx(-side * math.pi / 2, abs=1e-6)
+
+
+def test_a_gimbal_is_at_the_bodys_origin_unless_it_is_placed():
+    assert Gimbal().at_rest.offset_m == (0.0, 0.0, 0.0)
+    assert Gimbal().cam_from_body(0.0, 0.0, 0.0).translation.tolist() == [0.0, 0.0, 0.0]
+
+
 def test_a_target_is_in_the_middle_of_the_image_wherever_the_body_is():
     rng = np.random.default_rng(5)
     for _ in range(10):

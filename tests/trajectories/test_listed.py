@@ -95,6 +95,13 @@ def test_a_list_without_its_seal_holds_nothing(made):
     assert held(made) == [False] * 4
 
 
+def test_a_folder_that_is_listed_again_has_one_seal_and_the_list_of_now(made):
+    (made / "c.csv").write_text("3\n")
+    mark(made, LIST)
+    assert (made / MARKER).read_text().count("made_by") == 1
+    assert held(made, "a.csv", "c.csv") == [True, True]
+
+
 @pytest.mark.parametrize("key", ["files", "sha256", "before"])
 def test_every_table_of_a_list_counts_and_a_name_may_have_the_digests_of_several(made, key):
     """While a new list takes the place of an old one, a name holds what it did and what it will."""

@@ -1,5 +1,8 @@
 """What somebody writes at the very moment of a rename stays, under its name or under a free one that is told."""
 
+import ctypes
+import errno
+
 import pytest
 
 from uavbench.trajectories.errors import UserError
@@ -12,11 +15,25 @@ PRECIOUS = b"years of work"
 FOLDER, REPORT = Marker("record.json", "estimates"), Marker("report.json", "report")
 
 
-@pytest.fixture(params=["renameat2", "without it"])
+def unsupported(number):
+    """A system call that fails with this error."""
+
+    def call(*_):
+        ctypes.set_errno(number)
+        return -1
+
+    return call
+
+
+@pytest.fixture(params=["renameat2", "without it", "a disk without it", "an old kernel"])
 def system(request, monkeypatch):
-    """A system with the renames of Linux, and one that lacks them."""
+    """A system with the renames of Linux, and those that lack them."""
     if request.param == "without it":
         monkeypatch.setattr(placing, "_renameat2", lambda: None)
+    elif request.param == "a disk without it":
+        monkeypatch.setattr(placing, "_renameat2", lambda: unsupported(errno.EINVAL))
+    elif request.param == "an old kernel":
+        monkeypatch.setattr(placing, "_renameat2", lambda: unsupported(errno.ENOSYS))
     elif placing._renameat2() is None:
         pytest.skip("not a Linux")
     return request.param
@@ -52,6 +69,17 @@ def test_a_free_name_is_taken_and_a_used_one_is_not(tmp_path, system):
         rename_new(tmp_path / "none", tmp_path / "c")
     assert contents(tmp_path) == {"a": b"other", "b": b"a"}
     assert exchange(tmp_path / "a", tmp_path / "b") == (system == "renameat2")
+
+
+def test_an_error_of_the_disk_is_no_lack_of_support(tmp_path, monkeypatch):
+    """Else a file that cannot be exchanged would be replaced without the check afterwards."""
+    (tmp_path / "a").write_bytes(b"a")
+    (tmp_path / "b").write_bytes(PRECIOUS)
+    monkeypatch.setattr(placing, "_renameat2", lambda: unsupported(errno.EIO))
+    for rename in (rename_new, exchange):
+        with pytest.raises(OSError, match="Input/output error"):
+            rename(tmp_path / "a", tmp_path / "b")
+    assert contents(tmp_path) == {"a": b"a", "b": PRECIOUS}
 
 
 @pytest.mark.parametrize("moment", ["rename_new", "exchange"])
