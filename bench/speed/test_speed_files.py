@@ -4,7 +4,6 @@
 """
 
 import json
-import resource
 import shutil
 import subprocess
 import sys
@@ -26,6 +25,12 @@ from uavbench.trajectories.trajectory_files.formats import write_tum
 POSES = 1_000_000
 START_NS, STEP_NS = 1_403_636_579_763_555_584, 5_000_000
 RUN_POSES = 10_000
+MEASURED = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, file=sys.stderr)
+"""
+"""Runs a command and prints its peak memory in KiB: started by a large process, it would inherit the peak of that."""
 FRAMES, FRAME_STEP_NS = 1000, 33_333_333
 IMU_HZ = 200
 
@@ -41,20 +46,19 @@ def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
         noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
         write_tum(Trajectory(stamps, p + rng.normal(0, 1, p.shape) * sigma, noisy), tmp_path / f"{name}.tum")
     command = [
-        sys.executable,
-        "-m",
-        "uavbench.bench.cli.main",
-        "evaluate",
-        str(tmp_path / "reference.tum"),
-        str(tmp_path / "estimate.tum"),
+        *(sys.executable, "-c", MEASURED),
+        *(sys.executable, "-m", "uavbench.bench.cli.main", "evaluate"),
+        *(str(tmp_path / "reference.tum"), str(tmp_path / "estimate.tum")),
     ]
+    peaks_kib = []
 
     def evaluate() -> None:
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
         assert str(POSES) in done.stdout
+        peaks_kib.append(int(done.stderr.split()[-1]))
 
     benchmark.pedantic(evaluate, rounds=3)
-    benchmark.extra_info["largest_memory_mb"] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    benchmark.extra_info["largest_memory_mb"] = max(peaks_kib) / 1024
 
 
 def test_a_hundred_runs_evaluated(benchmark: Any, tmp_path: Path) -> None:

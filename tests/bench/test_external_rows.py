@@ -19,6 +19,12 @@ def fault_of(text):
     return caught.value.fault.name
 
 
+@pytest.mark.parametrize(("length", "told"), [(60, "x" * 60), (61, "x" * 57 + "..."), (3000, "x" * 57 + "...")])
+def test_of_a_long_row_the_beginning_is_told(length, told):
+    with pytest.raises(TrackerFault, match=f"'{told}' does not begin with an integer stamp"):
+        read_row("x" * length, "frame 0")
+
+
 def test_a_pose_is_read_exactly():
     stamp, result = read_row(f"100,ok,{POSE}\n", "frame 0")
     assert (stamp, result.status, result.covariance) == (100, "ok", None)

@@ -34,7 +34,7 @@ LEAST = 0.9
 """Share of the mutants of a group that the tests must kill; accepted ones do not count."""
 TIMES, LEAST_S = 10.0, 60.0
 """A mutant that takes so many times the CPU time of the unchanged code, and at least so many seconds, hangs: killed."""
-WAITED_S = 1800.0
+WAITED_S = 600.0
 """A mutant that has not ended after this many seconds on the clock waits forever: killed."""
 QUICK = "not slow and not ci"
 """The tests that are run, by their markers."""

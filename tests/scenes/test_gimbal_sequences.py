@@ -274,6 +274,7 @@ def test_bags_hold_the_moving_transform_and_the_encoders(one, tmp_path, format):
     assert list(joints[0].name) == ["gimbal_yaw", "gimbal_roll", "gimbal_pitch"]
     positions = np.array([list(m.position) for m in joints])
     assert positions[:, 2].tolist() == read_rows["pitch_rad"].tolist()
+    assert not [m for m in joints if len(m.velocity) or len(m.effort)]  # nothing measures them
     assert "/gimbal_aimed/joint_states" in messages
 
 

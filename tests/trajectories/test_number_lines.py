@@ -68,6 +68,12 @@ def test_the_quick_way_gives_what_the_careful_one_gives_or_nothing(cells, end, s
             np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name))
 
 
+def test_an_empty_cell_is_no_number(tmp_path):
+    (tmp_path / "a.csv").write_text("1,,2\n" * 3)
+    with pytest.raises(UserError, match="line 1 has 2 values, expected 3"):
+        read_lines(tmp_path / "a.csv", Layout(3))
+
+
 @pytest.mark.parametrize("bad", ["x", "nan nan", "1e999"])
 def test_the_line_is_named_deep_in_a_long_file(tmp_path, bad):
     lines = [f"{k} {ROW}" for k in range(100_000)]

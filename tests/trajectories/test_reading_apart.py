@@ -51,6 +51,10 @@ REFUSING = "from uavbench.trajectories.processes.reading_apart import refuse; pr
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", r"model\.x: its reader crashed \(Segmentation"),
         ("import os; os.abort()", r"model\.x: its reader crashed \(Aborted"),
         ("import sys; sys.exit('\\x1b[31mred')", r"model\.x: cannot be read \(\\x1b\[31mred\)"),
+        (
+            "import sys; print('MemoryError'); print('x' * 3000, flush=True); sys.exit('at line 7')",
+            r"model\.x: cannot be read \(at line 7\)",
+        ),
         ("import os; os._exit(5)", r"model\.x: cannot be read \(exit code 5\)"),
         ("import no_such_library", r"cannot be read \(ModuleNotFoundError: No module named 'no_such_library'\)"),
         ("while True: pass", r"model\.x: reading it takes more than 2 s"),
