@@ -130,6 +130,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
                 "trajectories/test_files",
                 "trajectories/test_placing",
                 "trajectories/test_renames",
+                "trajectories/test_intact",
             )
             for name in ("listed", "origin", "placing", "seals", "temporary_names", "writing")
         ),

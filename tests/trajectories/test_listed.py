@@ -40,6 +40,16 @@ def test_what_was_listed_is_held_as_it_is_and_nothing_else(made):
     assert held(made, "c.csv", "none.csv", "deep", MARKER) == [False] * 4
 
 
+def test_a_link_to_a_folder_is_a_name_and_is_not_followed(tmp_path):
+    (tmp_path / "far" / "deep").mkdir(parents=True)
+    (tmp_path / "far" / "deep" / "thesis.tex").write_text("mine")
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "link").symlink_to(tmp_path / "far")
+    assert list(tree(tmp_path / "made")) == ["link"]
+    mark(tmp_path / "made", LIST)
+    assert held(tmp_path / "made", "link", "link/deep/thesis.tex") == [True, False]
+
+
 @pytest.mark.parametrize("name", ["a.csv", "deep/b.csv", "page.html"])
 @pytest.mark.parametrize("what", ["edited", "removed", "a link to the same bytes", "a folder"])
 def test_a_file_is_held_no_more_once_something_else_stands_there(made, name, what):
