@@ -1,5 +1,6 @@
 """The folder of a suite: claimed, locked and cleaned, and never taken from anybody."""
 
+import fcntl
 import json
 import os
 
@@ -125,6 +126,19 @@ def test_a_folder_of_others_is_refused_by_what_is_in_it(suite, tmp_path):
     write_text(out / "suite.json", '{\n "suite": "a"\n}\n', kind=RESULTS)
     (out / "thesis.tex").write_text("mine")
     refuse_foreign_folder(out)  # a user's file in a folder of ours
+
+
+def test_what_somebody_puts_there_while_it_is_locked_is_seen(suite, tmp_path, monkeypatch):
+    real = fcntl.flock
+
+    def late(*arguments):
+        (tmp_path / "out" / "thesis.tex").write_text("mine")
+        real(*arguments)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with pytest.raises(UserError, match=r"thesis\.tex"), suite_folder(tmp_path / "out", suite):
+        pass
+    assert not (tmp_path / "out" / "suite.json").exists()
 
 
 @pytest.mark.parametrize("kind", ["", "package"])

@@ -139,7 +139,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("bench/runner/output_folder.py", "bench/test_output_folder"),
     ),
     "reading": (
-        _target("trajectories/files/reading.py", "trajectories/test_reading"),
+        _target("trajectories/files/reading.py", "trajectories/test_reading", "trajectories/test_intact"),
         _target("trajectories/processes/reading_apart.py", "trajectories/test_reading_apart"),
         _target("trajectories/trajectory_files/number_lines.py", "trajectories/test_number_lines"),
         _target("bench/external/rows.py", "bench/test_external_rows"),

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import stat
 import subprocess
 import sys
 
@@ -400,6 +401,17 @@ def test_processes_that_clean_up_at_the_same_time_do_not_trip_over_each_other(tm
     assert [process.stderr.read() for process in together] == [b""] * 4
     assert [process.wait() for process in together] == [0] * 4
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_written_is_for_all_to_read_once_it_is_whole(tmp_path):
+    def mode(path):
+        return stat.S_IMODE(path.stat().st_mode)
+
+    with new_file(tmp_path / "a.csv") as new:
+        assert mode(new) == 0o600
+    with new_folder(tmp_path / "results", RECORD) as new:
+        assert mode(new) == 0o700
+    assert (mode(tmp_path / "a.csv"), mode(tmp_path / "results")) == (0o644, 0o755)
 
 
 def test_a_table_is_sealed_on_request_alone(tmp_path):

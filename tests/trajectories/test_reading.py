@@ -56,6 +56,27 @@ def test_a_file_over_its_limit_is_refused_by_its_size(folder):
         read_bytes(folder / "huge", FEW)
 
 
+def test_a_file_of_the_limit_is_read_and_one_that_grows_beyond_it_is_not(folder, monkeypatch):
+    (folder / "note").write_bytes(b"0123456789")
+    assert read_bytes(folder / "note", FEW) == b"0123456789"
+    real = os.fstat
+
+    def grown(handle):
+        found = real(handle)
+        with (folder / "note").open("ab") as more:
+            more.write(b"0")
+        return found
+
+    monkeypatch.setattr(os, "fstat", grown)
+    with pytest.raises(UserError, match="a note has at most 10"):
+        read_bytes(folder / "note", FEW)
+
+
+def test_lines_end_as_on_unix(folder):
+    (folder / "note").write_bytes(b"a\r\nb\rc\n\n")
+    assert read_text(folder / "note") == "a\nb\nc\n\n"
+
+
 def test_missing_files_bad_names_and_loops_are_told(folder):
     (folder / "loop").symlink_to("loop")
     for name, told in (("no", "no such file, really"), ("a\0b", "cannot be read"), ("loop", "cannot be read")):
