@@ -268,8 +268,9 @@ def test_stamps_are_those_of_the_encoders_rate():
     assert np.diff(readings(Encoder(rate_hz=40.0), seconds=1.0).stamps_ns).tolist() == [25_000_000] * 40
 
 
-def test_the_defaults_are_those_of_the_data_sheet():
+def test_the_defaults_are_those_of_the_data_sheet_and_those_assumed():
     assert (Encoder().noise_deg, round(Encoder().resolution_deg, 4)) == (0.06, 0.0220)
+    assert (Encoder().zero_deg, Encoder().rate_hz) == (0.1, 100.0)
 
 
 def test_a_flight_of_one_period_has_two_readings_and_one_of_a_single_row_has_one():

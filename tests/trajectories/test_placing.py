@@ -71,6 +71,23 @@ def test_a_free_name_is_taken_and_a_used_one_is_not(tmp_path, system):
     assert exchange(tmp_path / "a", tmp_path / "b") == (system == "renameat2")
 
 
+def test_what_is_refused_stays_and_what_is_not_gives_way(tmp_path, system):
+    made, path = tmp_path / "made", tmp_path / "path"
+
+    def refuse(where):
+        if where.read_bytes() == PRECIOUS:
+            raise UserError("stays")
+
+    path.write_bytes(PRECIOUS)
+    made.write_bytes(b"made")
+    with pytest.raises(UserError, match="stays"):
+        put_file(made, path, refuse)
+    assert contents(tmp_path) == {"made": b"made", "path": PRECIOUS}
+    path.write_bytes(b"ours")
+    put_file(made, path, refuse)
+    assert path.read_bytes() == b"made"
+
+
 def test_an_error_of_the_disk_is_no_lack_of_support(tmp_path, monkeypatch):
     """Else a file that cannot be exchanged would be replaced without the check afterwards."""
     (tmp_path / "a").write_bytes(b"a")
