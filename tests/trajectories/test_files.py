@@ -8,11 +8,12 @@ import signal
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files import origin, writing
+from uavbench.trajectories.files import origin, temporary_names, writing
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.seals import is_sealed, seal, seal_table, sealed_kind
@@ -447,6 +448,19 @@ def test_a_process_has_one_start_while_it_lives_and_none_afterwards():
     process.wait()
     assert start_ticks(process.pid) == ""
     process.stdin.close()
+
+
+def test_without_proc_a_process_lives_while_its_number_answers(monkeypatch):
+    monkeypatch.setattr(temporary_names, "Path", lambda path: Path(path.replace("/proc", "/no-such-folder")))
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    assert (start_ticks(os.getpid()), start_ticks(process.pid)) == ("running", "")
+
+
+def test_folders_above_are_made(tmp_path):
+    make(tmp_path / "a" / "b" / "results", "frames.csv")
+    write_text(tmp_path / "c" / "d" / "e.csv", "1\n")
+    assert (tmp_path / "a" / "b" / "results" / "record.json").exists() and (tmp_path / "c" / "d" / "e.csv").exists()
 
 
 def test_a_seal_is_of_one_file(tmp_path):
