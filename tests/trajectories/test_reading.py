@@ -84,6 +84,19 @@ def test_missing_files_bad_names_and_loops_are_told(folder):
             read_bytes(folder / name, FEW, hint=", really")
 
 
+def test_tables_and_objects_are_read_as_deep_as_the_limit(folder):
+    deep = '{"a": ' * 63 + '{"b": [1]}' + "}" * 63
+    (folder / "a.json").write_text('\ufeff{"width": 640, "names": ["x", null]}')
+    (folder / "a.toml").write_text('width = 640\r\n[camera]\nname = "x"\n')
+    assert read_json(folder / "a.json") == {"width": 640, "names": ["x", None]}
+    assert read_toml(folder / "a.toml") == {"width": 640, "camera": {"name": "x"}}
+    (folder / "deep.json").write_text(deep)
+    with pytest.raises(UserError, match="nested deeper than 64 levels"):
+        read_json(folder / "deep.json")
+    (folder / "deep.json").write_text(deep.replace("[1]", "1"))
+    assert read_json(folder / "deep.json")["a"]
+
+
 def test_what_is_no_text_is_told(folder):
     (folder / "note").write_bytes(b"ab\xff")
     with pytest.raises(UserError, match=r"not readable as text: .* at byte 2"):
