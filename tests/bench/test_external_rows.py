@@ -32,6 +32,11 @@ def test_a_pose_is_read_exactly():
     np.testing.assert_allclose(result.cam_from_world.quaternion_wxyz, [0.5, 0.5, -0.5, 0.5], atol=1e-15)
 
 
+@pytest.mark.parametrize("stamp_ns", [-(2**63), 2**63 - 1])
+def test_stamps_of_64_bits_are_read(stamp_ns):
+    assert read_row(f"{stamp_ns},lost", "frame 0")[0] == stamp_ns
+
+
 def test_a_covariance_is_the_upper_triangle_by_rows():
     upper = np.eye(6)[np.triu_indices(6)]
     upper[1] = 0.5
@@ -55,6 +60,7 @@ def test_a_frame_without_a_pose_needs_no_numbers(text):
         ("", "malformed"),
         ("hello", "malformed"),
         ("1.5,ok," + POSE, "malformed"),
+        ("1" * 21 + ",ok," + POSE, "malformed"),
         ("100", "malformed"),
         ("100,fine," + POSE, "malformed"),
         ("100,ok", "malformed"),

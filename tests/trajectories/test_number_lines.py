@@ -68,6 +68,11 @@ def test_the_quick_way_gives_what_the_careful_one_gives_or_nothing(cells, end, s
             np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name))
 
 
+def test_a_byte_order_mark_is_no_part_of_the_first_line(tmp_path):
+    (tmp_path / "a.tum").write_bytes(b"\xef\xbb\xbf" + f"1 {ROW}\r\n2 {ROW}\r\n".encode())
+    assert read_lines(tmp_path / "a.tum", TUM).stamps_ns.tolist() == [10**9, 2 * 10**9]
+
+
 def test_an_empty_cell_is_no_number(tmp_path):
     (tmp_path / "a.csv").write_text("1,,2\n" * 3)
     with pytest.raises(UserError, match="line 1 has 2 values, expected 3"):

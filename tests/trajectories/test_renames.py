@@ -96,10 +96,10 @@ def flushed(monkeypatch):
 def test_all_is_on_disk_before_it_has_its_name_and_then_the_name_is(tmp_path, flushed):
     write_folder(tmp_path / "results", "1")
     within = {path.name for path in flushed[:-1]}
-    assert {"frames.csv", "a.csv", "b.csv", "record.json"} < within
+    assert {"frames.csv", "a.csv", "b.csv", "deep", "record.json"} < within
     assert "latest" not in within  # a link has no content
-    temporary = flushed[-2]
-    assert temporary.parent == tmp_path and temporary.name.startswith(".results-uavbench-")
+    (temporary,) = {path for path in flushed if path.parent == tmp_path}
+    assert temporary.name.startswith(".results-uavbench-")
     assert flushed[-1] == tmp_path
     flushed.clear()
     write_text(tmp_path / "a.csv", "1\n")

@@ -73,10 +73,12 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
             yield own.made
         if marker is not None:
             mark(own.made, marker)
-        for name in tree(own.made):
+        names = list(tree(own.made))
+        for name in names:
             _sync(own.made / name)
         own.made.chmod(0o755)
-        _sync(own.made)
+        for below in {own.made, *((own.made / name).parent for name in names)}:
+            _sync(below)
         _set_aside(path, own.replaced, marker)
         try:
             rename_new(own.made, path)
