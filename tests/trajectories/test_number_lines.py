@@ -89,8 +89,12 @@ def test_the_line_is_named_deep_in_a_long_file(tmp_path, bad):
 
 
 @pytest.mark.parametrize(
-    "stamp", ["1e999990", "1e999999", "-1e999999", "1" * 5000, "1e20", "9223372036.854775808", "9" * 20]
-)
+    "stamp",
+    [
+        "1e999990", "1e999999", "-1e999999", "1" * 5000, "1e20", "9223372036.854775808", "-9223372036.854775809",
+        "9" * 20, f"{-(2**63) - 1}",
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize("format", ["tum", "euroc"])
 def test_stamps_beyond_64_bits_are_told_before_they_are_written_out(tmp_path, stamp, format):
     if Decimal(stamp).adjusted() < 18 and format == "euroc":
