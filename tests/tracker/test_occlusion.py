@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, Triangles, hidden
+from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, NONE, Triangles, hidden, occluder
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.geometry.bvh_kernels import LEAF
 
@@ -103,6 +103,18 @@ def test_the_tree_finds_what_a_test_of_every_triangle_finds(count):
         answers.append((crosses(corners, eye, point) & ~np.isin(face, beside)).any())
         assert hides(corners, point, eye, face, beside) == answers[-1]
     assert 0 < sum(answers) < 60
+
+
+def test_the_triangle_that_is_tried_first_changes_no_answer():
+    rng = np.random.default_rng(5)
+    corners, face = rng.uniform(-2, 2, (12, 3, 3)), rng.integers(0, 4, 12)
+    tree = Triangles.of(build_tree(corners), face)
+    answers = []
+    for _ in range(300):
+        eye, point, beside = rng.uniform(-3, 3, 3), rng.uniform(-3, 3, 3), rng.integers(0, 4, 2)
+        answers.append(hidden(eye, point, tree, *beside))
+        assert [occluder(eye, point, tree, *beside, k) != NONE for k in range(12)] == [answers[-1]] * 12
+    assert 0 < sum(answers) < 300
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
