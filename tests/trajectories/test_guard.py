@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until
+from uavbench.trajectories.processes import guard as guarding
 from uavbench.trajectories.processes.guard import Ended, Guard, finished, talk, talk_in
 from uavbench.trajectories.processes.guard_process import children
 
@@ -285,3 +286,14 @@ def test_a_program_is_asked_and_answers_until_it_is_left(tmp_path):
     with talk([sys.executable, "-c", "pass"], os.environ, tmp_path) as it:
         assert it.answers.readline() == ""
         it.asks.write("abc\n")  # nobody reads it
+
+
+def test_a_program_that_takes_too_long_is_given_up_then_and_not_before(monkeypatch):
+    monkeypatch.setattr(guarding, "WAIT_S", 0.05)
+    sleep = [sys.executable, "-c", "import sys, time; time.sleep(float(sys.argv[1]))"]
+    with Guard("uavbench-test-") as guard:
+        assert finished(guard, [*sleep, "0.3"], os.environ, timeout_s=600.0).code == 0
+    begun = Guard("uavbench-test-")
+    with begun, pytest.raises(TimeoutError, match=r"did not end within 0\.2 s"):
+        finished(begun, [*sleep, "20"], os.environ, timeout_s=0.2)
+    assert not begun.folder.exists()
