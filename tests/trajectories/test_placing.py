@@ -71,6 +71,13 @@ def test_a_free_name_is_taken_and_a_used_one_is_not(tmp_path, system):
     assert exchange(tmp_path / "a", tmp_path / "b") == (system == "renameat2")
 
 
+def test_names_are_of_the_working_folder(tmp_path, monkeypatch, system):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").write_bytes(b"a")
+    rename_new(type(tmp_path)("a"), type(tmp_path)("b"))
+    assert contents(tmp_path) == {"b": b"a"}
+
+
 def test_what_is_refused_stays_and_what_is_not_gives_way(tmp_path, system):
     made, path = tmp_path / "made", tmp_path / "path"
 
