@@ -52,9 +52,10 @@ class TrackState:
 
     def holds(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
         """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt."""
-        most = self.config.initialization.log10_false_alarms if searched and self.is_first else 0.0
-        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= most:
+        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= 0.0:
             return False
+        if self.is_first and searched and not fit.log10_false_alarms(1) < self.config.loss.log10_false_alarms:
+            return False  # while no appearance is learned, straight lines of other things match whole edges
         return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted)
 
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
