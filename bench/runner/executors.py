@@ -49,7 +49,9 @@ class SpawnPool(Executor):
 
     `ProcessPoolExecutor` fails all calls when one worker dies. Here the calls that were running are retried one at a
     time; a call whose workers keep dying fails, and the others continue. All workers are started by one thread that
-    lives as long as the pool, because the kernel kills a worker with the thread that started it (PDEATHSIG).
+    lives as long as the pool, because the kernel kills a worker with the thread that started it (PDEATHSIG). The same
+    thread ends them: two that shut down one `ProcessPoolExecutor` may close its pipes twice, the second time those of
+    another, which has got their numbers.
     """
 
     def __init__(self, workers: int) -> None:
@@ -82,7 +84,7 @@ class SpawnPool(Executor):
                 task.future.cancel()
             self._waiting.clear()
             self._suspects.clear()
-        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+        self._starter.submit(lambda: self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)).result()
         if wait:
             self._starter.shutdown()  # last, since workers still running are killed with this thread
 
@@ -98,7 +100,7 @@ class SpawnPool(Executor):
     def _fill(self) -> None:
         """Start the calls that may run now: suspects one at a time, others on all workers."""
         with self._lock:
-            broken = self._pool if self._broken and not self._running else None
+            broken = self._pool if self._broken and not (self._running or self._closed) else None
         if broken is not None:
             broken.shutdown(wait=True)  # else a call could be retried while its first worker still cleans up
             with self._lock:

@@ -8,6 +8,7 @@ import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib import import_module
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,23 @@ def test_a_worker_that_dies_ends_the_others_in_mid_call(tmp_path):
         assert results[0].result(timeout=60) != int(first.read_text())
         with pytest.raises(BrokenProcessPool):
             results[1].result(timeout=60)
+
+
+def test_a_pool_that_ends_while_it_is_replaced_closes_each_of_its_pipes_once(monkeypatch):
+    """Closed twice, the number would be that of another file of this process by the second time."""
+    closed = []
+
+    def slowly(connection):
+        closed.append(connection)
+        os.close(connection.fileno())
+        time.sleep(0.1)
+
+    with local_pool(1) as (pool, _):
+        with pytest.raises(BrokenProcessPool):
+            pool.submit(os._exit, 3).result(timeout=60)
+        monkeypatch.setattr(Connection, "_close", slowly)
+    monkeypatch.undo()
+    assert closed and len(closed) == len({id(connection) for connection in closed})
 
 
 def test_the_module_that_a_suite_names_is_imported_in_workers_too(tmp_path, monkeypatch):
