@@ -1,6 +1,5 @@
 """Rigid-body poses: SE(3) as a frozen value, named `target_from_source`."""
 
-import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -8,6 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.kernels.rotations import (
+    fill_exponentials,
+    fill_logarithms,
+    fill_pose,
+    fill_quaternions,
+    fill_rotations,
+    fill_twist,
+)
 
 Array = NDArray[np.float64]
 
@@ -15,12 +22,14 @@ Array = NDArray[np.float64]
 def read_only(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
     """Read-only float64 copy of `values`; ValueError when its shape is not `shape` (-1: any length)."""
     array = np.array(values, dtype=np.float64)
-    if shape is not None and (
-        array.ndim != len(shape) or any(want not in (-1, got) for want, got in zip(shape, array.shape, strict=True))
-    ):
+    if shape is not None and array.shape != shape and not _fits(array.shape, shape):
         raise ValueError(f"expected shape {shape}, got {array.shape}")
     array.setflags(write=False)
     return array
+
+
+def _fits(got: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    return len(got) == len(wanted) and all(want in (-1, size) for size, want in zip(got, wanted, strict=True))
 
 
 def hat(v: Array) -> Array:
@@ -34,13 +43,8 @@ def hat(v: Array) -> Array:
 
 def rotation_exp(rotvec: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad (Rodrigues' formula)."""
-    angle = np.asarray(exact.length(rotvec))[..., None, None]
-    K = hat(rotvec)
-    small = angle < 1e-6
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0 - angle**2 / 6.0, exact.sin(safe) / safe)
-    b = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - exact.cos(safe)) / safe**2)
-    R: Array = np.eye(3) + a * K + b * exact.product(K, K)
+    R = np.empty((*rotvec.shape[:-1], 3, 3))
+    fill_exponentials(_numbers(rotvec).reshape(-1, 3), R.reshape(-1, 3, 3))
     return R
 
 
@@ -49,34 +53,15 @@ def quaternion_from_rotation(R: Array) -> Array:
 
     Computed from the largest of the four squared components (Shepperd 1978), so that no branch loses precision.
     """
-    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1)
-    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
-    xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 2, 0] + R[..., 0, 2], R[..., 2, 1] + R[..., 1, 2]
-    table = np.stack(
-        [
-            np.stack([squares[..., 0], wx, wy, wz], axis=-1),
-            np.stack([wx, squares[..., 1], xy, xz], axis=-1),
-            np.stack([wy, xy, squares[..., 2], yz], axis=-1),
-            np.stack([wz, xz, yz, squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
-    best = np.argmax(squares, axis=-1)[..., None, None]
-    q = np.take_along_axis(table, best, axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    q_positive: Array = np.where(q[..., :1] < 0, -q, q)
-    return q_positive
+    q = np.empty((*R.shape[:-2], 4))
+    fill_quaternions(_numbers(R).reshape(-1, 3, 3), q.reshape(-1, 4))
+    return q
 
 
 def rotation_from_quaternion(q: Array) -> Array:
     """Rotation matrices (..., 3, 3) of quaternions wxyz (..., 4); they are normalized first."""
-    unit = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    w, x, y, z = unit[..., 0], unit[..., 1], unit[..., 2], unit[..., 3]
-    R = np.empty((*w.shape, 3, 3), dtype=w.dtype)
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    R = np.empty((*q.shape[:-1], 3, 3))
+    fill_rotations(_numbers(q).reshape(-1, 4), R.reshape(-1, 3, 3))
     return R
 
 
@@ -85,11 +70,13 @@ def rotation_log(R: Array) -> Array:
 
     Computed via the quaternion and atan2, with full precision near 0 and near pi.
     """
-    q = quaternion_from_rotation(R)
-    v = q[..., 1:]
-    norm = np.linalg.norm(v, axis=-1, keepdims=True)
-    angle = 2.0 * exact.arctan2(norm, q[..., :1])
-    return np.where(norm > 0, v * (angle / np.where(norm > 0, norm, 1.0)), 2.0 * v)
+    phi = np.empty((*R.shape[:-2], 4))
+    fill_logarithms(_numbers(R).reshape(-1, 3, 3), phi.reshape(-1, 4))
+    return np.ascontiguousarray(phi[..., :3])
+
+
+def _numbers(values: ArrayLike) -> Array:
+    return np.asarray(values, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,35 +119,20 @@ class Pose:
     @classmethod
     def from_quaternion(cls, quaternion_wxyz: ArrayLike, translation_m: ArrayLike) -> Self:
         """Pose of a quaternion wxyz (4,) and a translation (3,) in metres."""
-        return cls(rotation_from_quaternion(read_only(quaternion_wxyz, (4,))), read_only(translation_m))
+        return cls(rotation_from_quaternion(read_only(quaternion_wxyz, (4,))), _numbers(translation_m))
 
     @classmethod
     def exp(cls, twist: ArrayLike) -> Self:
         """SE(3) exponential of a twist (6,): translation part (m) first, rotation part (rad) last."""
-        xi = read_only(twist, (6,))
-        rho, phi = xi[:3], xi[3:]
-        angle = float(exact.length(phi))
-        K = hat(phi)
-        K2 = exact.product(K, K)
-        if angle < 1e-5:
-            V = np.eye(3) + 0.5 * K + K2 / 6.0
-        else:
-            c, s = math.cos(angle), math.sin(angle)
-            V = np.eye(3) + (1 - c) / (angle * angle) * K + (angle - s) / (angle * angle * angle) * K2
-        return cls(rotation_exp(phi), exact.product(V, rho))
+        rotation, translation = np.empty((3, 3)), np.empty(3)
+        fill_pose(read_only(twist, (6,)), rotation, translation)
+        return cls(rotation, translation)
 
     def log(self) -> Array:
         """Twist (6,) with `Pose.exp(pose.log()) == pose`: translation part first, rotation part last."""
-        phi = rotation_log(self.rotation)
-        angle = float(exact.length(phi))
-        K = hat(phi)
-        K2 = exact.product(K, K)
-        if angle < 1e-5:
-            V_inverse = np.eye(3) - 0.5 * K + K2 / 12.0
-        else:
-            c = (1 - 0.5 * angle * math.sin(angle) / (1 - math.cos(angle))) / (angle * angle)
-            V_inverse = np.eye(3) - 0.5 * K + c * K2
-        return np.concatenate([exact.product(V_inverse, self.translation), phi])
+        twist = np.empty(6)
+        fill_twist(self.rotation, self.translation, twist, np.empty((3, 3)))
+        return twist
 
     @property
     def matrix(self) -> Array:

@@ -1,6 +1,8 @@
 """No kernel compiles in flight: one without declared arguments is called by other kernels alone."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -82,3 +84,23 @@ def test_what_python_calls_is_declared(package):
         if name in UNDECLARED
     }
     assert not found
+
+
+def test_threads_that_call_a_kernel_first_at_once_all_get_its_result():
+    """The first call loads the kernel or compiles it: twice, and numba would call it ambiguous."""
+    program = """if True:
+        from concurrent.futures import ThreadPoolExecutor
+        from threading import Barrier
+        import numpy as np
+        from uavbench.trajectories import pose
+        begin = Barrier(16)
+        def turned(function):
+            begin.wait()
+            return function(np.eye(3)[None])[0]
+        for function in (pose.quaternion_from_rotation, pose.rotation_log):
+            with ThreadPoolExecutor(16) as pool:
+                found = list(pool.map(turned, [function] * 16))
+            assert all((each == found[0]).all() for each in found)
+    """
+    for _ in range(5):  # a race, that some processes win
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=300)

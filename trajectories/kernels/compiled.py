@@ -5,6 +5,7 @@ Compiled without fast-math and without threads, so that the same input gives the
 
 from collections.abc import Callable
 from functools import cache, cached_property
+from threading import RLock
 from typing import Any, TypeVar, cast, overload
 
 import numba
@@ -17,6 +18,8 @@ from uavbench.trajectories.kernels.pipeline import DeclaredCompiler, InnerCompil
 F = TypeVar("F", bound=Callable[..., Any])
 OPTIONS = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 """No Python objects; division by zero gives inf or nan, as in numpy; no kernel is called from C."""
+ONE_AT_A_TIME = RLock()
+"""Held while a kernel is loaded or compiled: two threads that call it first would both add its code."""
 KERNELS: list["Kernel"] = []
 """Every kernel with declared arguments in the modules that were imported, callees first."""
 
@@ -37,30 +40,32 @@ class Kernel(CPUDispatcher):
 
     def compile(self, sig: Any) -> Any:
         """Machine code for the declared types, regardless of those of a call; cached on disk."""
-        if not self.load():
-            for kernel in callees(self):
-                kernel.compile(None)
-            try:
-                for types in self.declared:
-                    super().compile(types)
-            finally:
-                self._take_no_more()
-        code: Any = next(iter(self.overloads.values()))
-        return code.entry_point
+        with ONE_AT_A_TIME:
+            if not self.load():
+                for kernel in callees(self):
+                    kernel.compile(None)
+                try:
+                    for types in self.declared:
+                        super().compile(types)
+                finally:
+                    self._take_no_more()
+            code: Any = next(iter(self.overloads.values()))
+            return code.entry_point
 
     def load(self) -> bool:
         """Load from the cache; whether the kernel and those that it calls are available now."""
-        if self.overloads:
-            return True
-        for kernel in callees(self):
-            kernel.load()
-        kept = [self._cache.load_overload(types, self.targetctx) for types in self.declared]
-        if all(kept):
-            for code in kept:
-                self.targetctx.insert_user_function(code.entry_point, code.fndesc, [code.library])
-                self.add_overload(code)
-            self._take_no_more()
-        return bool(self.overloads)
+        with ONE_AT_A_TIME:
+            if self.overloads:
+                return True
+            for kernel in callees(self):
+                kernel.load()
+            kept = [self._cache.load_overload(types, self.targetctx) for types in self.declared]
+            if all(kept):
+                for code in kept:
+                    self.targetctx.insert_user_function(code.entry_point, code.fndesc, [code.library])
+                    self.add_overload(code)
+                self._take_no_more()
+            return bool(self.overloads)
 
     def add_overload(self, code: Any) -> None:
         """Register compiled code for calls from kernels and, unless it is an inner kernel, from Python."""
