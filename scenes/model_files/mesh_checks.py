@@ -1,7 +1,8 @@
 """Validation of a user's model before it is rendered, and where possible before it is parsed."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,6 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from uavbench.scenes.model_files.gltf_images import GLB_JSON, check_embedded
 from uavbench.scenes.model_files.referenced_files import is_there
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS, SETTINGS
@@ -98,12 +100,15 @@ def check_file(path: Path, data: bytes) -> None:
     """UserError for a file that is too large, uses an unsupported compression, or refers to a missing file."""
     kind = path.suffix.lower()
     _check_size(path, data)
-    wanted = _obj_wants(path, data) if kind == ".obj" else _gltf_wants(path, data) if kind in (".gltf", ".glb") else []
+    scene = _gltf_scene(path, data) if kind in (".gltf", ".glb") else {}
+    wanted = _obj_wants(path, data) if kind == ".obj" else _gltf_wants(path, scene) if scene else []
     for name in wanted:
         if not _beside(path, name):
             raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
         if not is_there(path.parent / name):
             raise UserError(f"{path}: refers to {name}, which is missing; put it next to the model or export it again")
+    with _told_as_unreadable(path):
+        check_embedded(path, data, scene)
 
 
 def _beside(path: Path, name: str) -> bool:
@@ -140,14 +145,28 @@ def _check_materials(path: Path, count: int) -> None:
         )
 
 
-def _gltf_wants(path: Path, data: bytes) -> list[str]:
-    """External buffers and images of a glTF file; UserError for an unsupported extension or too many triangles."""
+def _gltf_scene(path: Path, data: bytes) -> dict[str, Any]:
+    """Header of a glTF file; UserError when it has none."""
     binary = data[:4] == b"glTF"  # GLB: magic, version, length; length and type of its first chunk, the JSON
     if binary:
         _check_chunks(path, data)
-    text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
+    text = data[GLB_JSON : GLB_JSON + int.from_bytes(data[12:16], "little")] if binary else data
+    with _told_as_unreadable(path):
+        return dict(json_value(text))
+
+
+@contextmanager
+def _told_as_unreadable(path: Path) -> Iterator[None]:
+    """Raise UserError for any error of a header whose values are not as glTF has them."""
     try:
-        scene = json_value(text)
+        yield
+    except (ValueError, AttributeError, TypeError, LookupError, OverflowError) as error:
+        raise UserError(f"{path}: not a readable {path.suffix[1:]} file: {error}") from None
+
+
+def _gltf_wants(path: Path, scene: dict[str, Any]) -> list[str]:
+    """External buffers and images of a glTF file; UserError for an unsupported extension or too many triangles."""
+    with _told_as_unreadable(path):
         needed = sorted(set(scene.get("extensionsRequired", [])) & set(UNREADABLE))
         entries = [*scene.get("buffers", []), *scene.get("images", [])]
         uris = [str(entry["uri"]) for entry in entries if "uri" in entry]
@@ -156,8 +175,6 @@ def _gltf_wants(path: Path, data: bytes) -> list[str]:
         values = sum(count * VALUES[accessor["type"]] for count, accessor in zip(counts, accessors, strict=True))
         _check_nodes(path, scene.get("nodes", []), scene.get("meshes", []))
         _check_materials(path, max(len(scene.get(key, [])) for key in ("materials", "textures", "images")))
-    except (ValueError, AttributeError, TypeError, LookupError, OverflowError) as error:
-        raise UserError(f"{path}: not a readable {path.suffix[1:]} file: {error}") from None
     if needed:
         raise UserError(f"{path}: is compressed with {', '.join(needed)}; export it without compression")
     check_count(path, max(counts, default=0) // 3)

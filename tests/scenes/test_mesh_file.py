@@ -209,10 +209,24 @@ def outside_image(scene: dict[str, Any]) -> None:
     scene["images"][0] = {"uri": "old%20wall.png"}
 
 
+def with_image_of_another_view(scene: dict[str, Any]) -> None:
+    scene["images"][0]["bufferView"] = scene["accessors"][0]["bufferView"]
+
+
+def with_image_as_text(scene: dict[str, Any]) -> None:
+    scene["images"][0] = {"name": "wall", "uri": "data:image/ktx2;base64,q0tUWCAyMLsNChoK"}
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (outside_image, r"a.glb: refers to old wall.png, which is missing"),
+        (
+            with_image_of_another_view,
+            r"a.glb: its image 0 \(image/png\) is damaged, too large, or not one of PNG",
+        ),
+        (with_image_as_text, r"a.glb: its image 0 \(wall\) is damaged, too large, or not one of"),
+        (lambda scene: scene["images"][0].update(bufferView=99), "not a readable glb file"),
         (
             lambda scene: scene.update(extensionsRequired=["KHR_draco_mesh_compression"]),
             "compressed with KHR_draco_mesh_compression; export it without compression",
