@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from functools import lru_cache
 
-import numpy as np
-
 from uavbench.trajectories.camera_mount import Motion
 from uavbench.trajectories.pose import Array, Pose
 
@@ -35,7 +33,7 @@ def body_path(flight: Motion) -> Callable[[int], Pose]:
         rows = len(flight)
         if rows == 1:
             return flight.pose(0)
-        row = int(np.clip(np.searchsorted(stamps[:rows], stamp_ns, side="right") - 1, 0, rows - 2))
+        row = min(max(int(stamps[:rows].searchsorted(stamp_ns, side="right")) - 1, 0), rows - 2)
         world_from_body, twist = start_and_twist(row)
         share = (stamp_ns - int(stamps[row])) / int(stamps[row + 1] - stamps[row])
         return world_from_body if share == 0.0 else world_from_body @ Pose.exp(share * twist)

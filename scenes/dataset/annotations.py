@@ -44,11 +44,12 @@ def write_edges(
 ) -> None:
     """Write `edges/NNNNNN.csv`: each visible part of each edge, with its ends, share of the edge, and contrast."""
     rows = visible_edges(structure, source, view, image)
-    line = "%d" + ",%.4f" * (len(EDGE_COLUMNS) - 1)
-    lines = [",".join(EDGE_COLUMNS), *(line % tuple(row) for row in rows.tolist())]
+    line = "%d" + ",%.4f" * (len(EDGE_COLUMNS) - 1) + "\n"
+    lines = line * len(rows) % tuple(rows.reshape(-1).tolist())
     path = folder / "edges" / f"{frame:06d}.csv"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    if not path.parent.is_dir():
+        path.parent.mkdir(exist_ok=True)
+    path.write_text(",".join(EDGE_COLUMNS) + "\n" + lines, encoding="utf-8", newline="\n")
 
 
 def visible_edges(structure: Structure, source: CameraSimulator, view: View, image: NDArray[np.uint8]) -> Array:
@@ -162,5 +163,6 @@ def _as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
 
 
 def _write(path: Path, image: NDArray[Any]) -> None:
-    path.parent.mkdir(exist_ok=True)
+    if not path.parent.is_dir():
+        path.parent.mkdir(exist_ok=True)
     path.write_bytes(png(image, smooth=True))

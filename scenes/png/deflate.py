@@ -58,7 +58,7 @@ def _tokens(data: Any, start: int, stop: int, tokens: Any) -> int:
     number, i = 0, start
     while i < stop:
         if 0 < i < stop - STRETCH - 2 and not _has_run(data, i):
-            _copy(data[i : i + STRETCH], tokens[number : number + STRETCH])
+            _copy(data, i, tokens, number)
             i += STRETCH
             number += STRETCH
             continue
@@ -75,20 +75,20 @@ def _tokens(data: Any, start: int, stop: int, tokens: Any) -> int:
 @compiled
 def _has_run(data: Any, start: int) -> bool:
     """Whether a run begins in a stretch, of which one byte before and two after are there; without branches."""
-    before, here = data[start - 1 : start - 1 + STRETCH], data[start : start + STRETCH]
-    after, last = data[start + 1 : start + 1 + STRETCH], data[start + 2 : start + 2 + STRETCH]
-    found = np.uint8(0)
-    for k in range(STRETCH):
-        unlike = (here[k] ^ before[k]) | (here[k] ^ after[k]) | (here[k] ^ last[k])
+    found, at, one, two = np.uint8(0), np.uint64(start), np.uint64(1), np.uint64(2)
+    for k in range(np.uint64(STRETCH)):  # places without a sign, which need no check for one below 0
+        here = data[at + k]
+        unlike = (here ^ data[at + k - one]) | (here ^ data[at + k + one]) | (here ^ data[at + k + two])
         found |= np.uint8(unlike == 0)
     return bool(found != 0)
 
 
 @compiled
-def _copy(data: Any, tokens: Any) -> None:
-    """Literals as tokens."""
-    for k in range(STRETCH):
-        tokens[k] = data[k]
+def _copy(data: Any, start: int, tokens: Any, number: int) -> None:
+    """A stretch of literals as tokens."""
+    at, into = np.uint64(start), np.uint64(number)
+    for k in range(np.uint64(STRETCH)):
+        tokens[into + k] = data[at + k]
 
 
 @compiled

@@ -20,6 +20,29 @@ from uavbench.trajectories.errors import UserError
 PACKAGES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libosmesa6"
 DRIVER = "GALLIUM_DRIVER"
 """Variable that names the driver which Mesa draws with."""
+OFTEN = {
+    "glActiveTexture": "u",
+    "glBindTexture": "uu",
+    "glBindVertexArray": "u",
+    "glDisable": "u",
+    "glDrawElements": "uiup",
+    "glEnable": "u",
+    "glUniform1f": "if",
+    "glUniform1i": "ii",
+    "glUniform2f": "iff",
+    "glUniform3fv": "iip",
+    "glUniform4fv": "iip",
+    "glUniformMatrix4fv": "iibp",
+    "glUseProgram": "u",
+}
+"""Functions that are called for every mesh of a frame, with the types of their arguments (see `TYPES`)."""
+TYPES: dict[str, Any] = {
+    "b": ctypes.c_ubyte,
+    "f": ctypes.c_float,
+    "i": ctypes.c_int,
+    "p": ctypes.c_char_p,
+    "u": ctypes.c_uint,
+}
 
 
 class GLUnavailableError(UserError):
@@ -46,6 +69,24 @@ def context() -> Any:
     driver = os.environ.get(DRIVER)
     remedy = f"unset {DRIVER}={driver!r}, or install" if driver else "install it with"
     raise GLUnavailableError(f"cannot make an OpenGL context ({'; '.join(reasons)}); {remedy}: {PACKAGES}")
+
+
+@functools.cache
+def functions() -> Any:
+    """OpenGL's functions and constants.
+
+    PyOpenGL asks for an error after each call, which takes longer than most calls. Those that are called OFTEN are not
+    followed by that question: the next of the others, such as the read of a frame, raises the error.
+    """
+    context()
+    from OpenGL import GL
+    from OpenGL.platform import PLATFORM
+
+    bound = {
+        name: ctypes.CFUNCTYPE(None, *(TYPES[letter] for letter in letters))((name, PLATFORM.GL))
+        for name, letters in OFTEN.items()
+    }
+    return types.SimpleNamespace(**(vars(GL) | bound))
 
 
 def name() -> str:

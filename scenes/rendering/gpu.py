@@ -1,6 +1,5 @@
 """GPU resources: programs, meshes, textures, and framebuffers."""
 
-import ctypes
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,10 @@ from uavbench.trajectories.pose import Array
 
 
 class Program:
-    """A linked shader program with cached uniform locations; RuntimeError when it does not compile or link."""
+    """A linked shader program that sets uniforms when they change; RuntimeError when it does not compile or link."""
 
     def __init__(self, GL: Any, vertex: str, fragment: str) -> None:
-        self._gl, self._at = GL, dict[str, int]()
+        self._gl, self._at, self._has = GL, dict[str, int](), dict[str, Any]()
         self.id = GL.glCreateProgram()
         for kind, source in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, fragment)):
             shader = GL.glCreateShader(kind)
@@ -28,35 +27,44 @@ class Program:
         if not GL.glGetProgramiv(self.id, GL.GL_LINK_STATUS):
             raise RuntimeError(f"shaders do not link: {GL.glGetProgramInfoLog(self.id)}")
 
-    def _location(self, name: str) -> int:
-        if name not in self._at:
-            self._at[name] = self._gl.glGetUniformLocation(self.id, name)
-        return self._at[name]
-
     def use(self) -> None:
         """Make it the current program."""
         self._gl.glUseProgram(self.id)
 
     def matrix(self, name: str, value: NDArray[np.floating[Any]]) -> None:
         """Set a mat4 uniform from a row-major (4, 4)."""
-        self._gl.glUniformMatrix4fv(self._location(name), 1, self._gl.GL_TRUE, np.ascontiguousarray(value, np.float32))
+        if self._changes(name, data := value.astype(np.float32).tobytes()):
+            self._gl.glUniformMatrix4fv(self._at[name], 1, True, data)
 
     def vector(self, name: str, value: Array) -> None:
         """Set a vec3 or vec4 uniform."""
-        set_vector = self._gl.glUniform3fv if len(value) == 3 else self._gl.glUniform4fv
-        set_vector(self._location(name), 1, np.ascontiguousarray(value, np.float32))
+        if self._changes(name, data := value.astype(np.float32).tobytes()):
+            set_vector = self._gl.glUniform3fv if len(value) == 3 else self._gl.glUniform4fv
+            set_vector(self._at[name], 1, data)
 
     def pair(self, name: str, value: tuple[float, float]) -> None:
         """Set a vec2 uniform."""
-        self._gl.glUniform2f(self._location(name), *value)
+        if self._changes(name, value):
+            self._gl.glUniform2f(self._at[name], *value)
 
     def number(self, name: str, value: float) -> None:
         """Set a float uniform."""
-        self._gl.glUniform1f(self._location(name), value)
+        if self._changes(name, value):
+            self._gl.glUniform1f(self._at[name], value)
 
     def integer(self, name: str, value: int) -> None:
         """Set an int or sampler uniform."""
-        self._gl.glUniform1i(self._location(name), value)
+        if self._changes(name, value):
+            self._gl.glUniform1i(self._at[name], value)
+
+    def _changes(self, name: str, value: Any) -> bool:
+        """Note the value of a uniform; whether it was another one. Its place is known from then on."""
+        if self._has.get(name) == value:
+            return False
+        if name not in self._at:
+            self._at[name] = self._gl.glGetUniformLocation(self.id, name)
+        self._has[name] = value
+        return True
 
 
 class Mesh:
@@ -80,6 +88,7 @@ class Mesh:
             mode=GL.GL_TRIANGLES,
         )
         self.primitive._add_to_context()
+        self._vertices, self._count = int(self.primitive._vaid), int(self.primitive.indices.size)
 
     @property
     def cutout(self) -> bool:
@@ -94,8 +103,8 @@ class Mesh:
             GL.glDisable(GL.GL_CULL_FACE)
         else:
             GL.glEnable(GL.GL_CULL_FACE)
-        self.primitive._bind()
-        GL.glDrawElements(GL.GL_TRIANGLES, self.primitive.indices.size, GL.GL_UNSIGNED_INT, ctypes.c_void_p(0))
+        GL.glBindVertexArray(self._vertices)
+        GL.glDrawElements(GL.GL_TRIANGLES, self._count, GL.GL_UNSIGNED_INT, None)
 
 
 class Target:

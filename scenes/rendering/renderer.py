@@ -5,6 +5,8 @@ coordinates.
 """
 
 import ctypes
+from dataclasses import replace
+from functools import lru_cache
 from itertools import chain
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -29,6 +31,8 @@ GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 NEAR_M, FAR_M = 0.05, 2000.0
 MIRROR_UNIT, FILM_UNIT, SOIL_UNIT = 2, 5, 6
 """Texture units of a mirrored image, wet ground and dirt; `lighting` has further ones, unit 0 is the surface's."""
+KEPT_TIMES = 2
+"""Times at which poses of moving parts are kept: drawing, antialiasing and truth of a frame ask for the same one."""
 WHITE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
@@ -52,10 +56,7 @@ class Renderer:
         movers: tuple[Mover, ...] = (),
         sky: Texture | None = None,
     ) -> None:
-        gl.context()
-        from OpenGL import GL
-
-        self._gl = GL
+        self._gl = GL = gl.functions()
         self.width, self.height = width, height
         self._textures: dict[int, int] = {}
         self._kept: list[Texture] = []
@@ -64,6 +65,7 @@ class Renderer:
             for number, part in enumerate(parts)
             for half, lit in split_by_lamp(part, light)
         ]
+        movers = tuple(replace(mover, world_from_part=lru_cache(KEPT_TIMES)(mover.world_from_part)) for mover in movers)
         self._meshes += [
             DrawnMesh(self._mesh(mover.part, True), mover, len(parts) + k) for k, mover in enumerate(movers)
         ]

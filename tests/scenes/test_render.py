@@ -7,6 +7,8 @@ from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking, white_box
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.primitives.meshes import panel
 from uavbench.scenes.renderables import Light, Mover, Part
+from uavbench.scenes.rendering import context as gl
+from uavbench.scenes.rendering.antialiasing.border_kernels import number_planes
 from uavbench.scenes.rendering.antialiasing.outlines import opposite_facets
 from uavbench.scenes.rendering.radiance import RENDERED, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
@@ -74,6 +76,30 @@ def test_facets_know_their_neighbours_across_each_side() -> None:
             assert all((corners[other] == end).all(axis=1).any() for end in ends)
     alone = opposite_facets(corners[:1], np.zeros(1, dtype=np.int64))
     assert alone.tolist() == [[-1, -1, -1]]
+
+
+def test_facets_of_one_plane_have_one_number() -> None:
+    """The two triangles of each side of a box; not one without area that lies between two sides."""
+    box = white_box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
+    corners = box.vertices[box.triangles]
+    opposite, plane = opposite_facets(corners, np.zeros(12, dtype=np.int64)), np.empty(12, dtype=np.int64)
+    number_planes(corners, opposite, plane)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    same = plane[:, None] == plane
+    assert np.array_equal(same, normals @ normals.T > 0.0)
+    folded = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]]], dtype=np.float64)
+    folded = np.insert(folded, 1, [[0, 0, 0], [1, 0, 0], [0.5, 0, 0]], axis=0)
+    between = np.array([[-1, -1, 1], [-1, 2, 0], [-1, -1, 1]])
+    number_planes(folded, between, plane[:3])
+    assert plane[:3].tolist() == [0, 1, 2]
+
+
+def test_an_error_of_a_call_that_is_not_checked_is_raised_by_the_next_that_is() -> None:
+    GL = gl.functions()
+    GL.glEnable(0xFFFF)
+    with pytest.raises(GL.GLError, match="invalid enum"):
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+    GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
 
 
 def test_depth_and_instances_are_those_of_the_surface(camera: Camera) -> None:

@@ -13,6 +13,8 @@ FLAT_COS = 0.999
 """Cosine of the angle between adjacent facets of a part (2.6 degrees) above which they are one smooth surface."""
 SAME_DEPTH = 2e-3
 """Relative difference of depth below which two facets of a part are adjacent."""
+SAME_PLANE_COS = 1 - 1e-10
+"""Cosine of the angle between facets with a common side (1.4e-5 rad) above which they lie in one plane."""
 SNAP = 2 / 256
 """How far beyond a pixel an outline may pass that is taken for before it, px: rasterizers snap corners to 1/256 px."""
 STRIP = 0.05
@@ -23,12 +25,14 @@ NOWHERE = 2.0
 
 class FacetTable(NamedTuple):
     """Facets in view: corners (n, 3, 3) in the world, m; part (n,) of each; opposite (n, 3), the facet beyond the side
-    opposite each corner, -1 for none; image_from_world (3, 4) in px; outlines (n, 4, 3), scratch, NaN where not known.
+    opposite each corner, -1 for none; plane (n,), see `number_planes`; image_from_world (3, 4) in px; outlines
+    (n, 4, 3), scratch, NaN where not known.
     """
 
     corners: Array
     part: Rows
     opposite: Rows
+    plane: Rows
     image_from_world: Array
     outlines: Array
 
@@ -43,7 +47,50 @@ class Border(NamedTuple):
     between: int
 
 
-FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! f2! f3!")
+FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! i1! f2! f3!")
+
+
+@compiled("f3 i2 i1!", allocates=False)
+def number_planes(corners: Any, opposite: Any, plane: Any) -> None:
+    """Number the planes (n,) of facets: the same for facets that common sides join to one plane."""
+    for row in range(plane.size):
+        plane[row] = row
+    for row in range(plane.size):
+        for side in range(3):
+            other = opposite[row, side]
+            if other > row and _in_one_plane(corners, row, other):
+                here, there = _first_of(plane, row), _first_of(plane, other)
+                plane[max(here, there)] = min(here, there)
+    for row in range(plane.size):
+        plane[row] = _first_of(plane, row)
+
+
+@compiled
+def _first_of(plane: Any, row: int) -> int:
+    """The facet that stands for the plane of another so far."""
+    while plane[row] != row:
+        row = plane[row]
+    return row
+
+
+@compiled
+def _in_one_plane(corners: Any, one: int, other: int) -> bool:
+    """Whether two facets with a common side lie in one plane; false where one has no area."""
+    ax, ay, az, a = _normal(corners, one)
+    bx, by, bz, b = _normal(corners, other)
+    return bool(a * b > 0.0 and ax * bx + ay * by + az * bz > SAME_PLANE_COS * np.sqrt(a * b))
+
+
+@compiled
+def one_surface(facets: Any, here: int, there: int, u: float, v: float) -> bool:
+    """Whether facets, -1 for the background, are of one plane that has a depth at a place in the image.
+
+    There is no border between such facets: a short cut of `borders` for most pairs of a finely divided surface.
+    """
+    if here < 0 or there < 0 or facets.plane[here] != facets.plane[there]:
+        return False
+    ready(facets, here)
+    return _nearness(facets.outlines, here, u, v) > 0.0
 
 
 @compiled

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.rendering.antialiasing.border_kernels import FacetTable
+from uavbench.scenes.rendering.antialiasing.border_kernels import FacetTable, number_planes
 from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, depth_and_instances
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import Facets
@@ -28,7 +29,8 @@ class Moment(NamedTuple):
         """Whether the other is the same view."""
         if other is None or self[1:] != other[1:]:
             return False
-        return bool(np.array_equal(self.cam_from_world.matrix, other.cam_from_world.matrix))
+        pose, others = self.cam_from_world, other.cam_from_world
+        return pose is others or bool(np.array_equal(pose.matrix, others.matrix))
 
 
 class Outlines:
@@ -38,8 +40,9 @@ class Outlines:
         counts = np.diff(facets.first, append=len(facets.corners_m))
         self._facets, self._seen = facets, np.empty(len(facets.corners_m) + 1, dtype=np.int64)
         corners, part = facets.corners_m.copy(), np.repeat(np.array(parts, dtype=np.int64), counts)
-        scratch = np.empty((len(corners), 4, 3))
-        self._table = FacetTable(corners, part, opposite_facets(corners, part), np.zeros((3, 4)), scratch)
+        opposite, plane, scratch = opposite_facets(corners, part), np.empty_like(part), np.empty((len(corners), 4, 3))
+        number_planes(corners, opposite, plane)
+        self._table = FacetTable(corners, part, opposite, plane, np.zeros((3, 4)), scratch)
         self._instance = np.concatenate([[0], np.repeat(instances, counts)]).astype(np.uint8)
 
     def image(self, color: NDArray[np.uint8], numbers: NDArray[np.float32], moment: Moment) -> NDArray[np.uint8]:
@@ -50,8 +53,8 @@ class Outlines:
             table.corners[rows] = moved.reshape(-1, 3, 3)
         K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         table.image_from_world[:] = K @ moment.cam_from_world.matrix[:3]
-        out = np.empty((*color.shape[:2], 3), dtype=np.uint8)
-        antialias(color, numbers, table, self._seen, BorderRows.of(color.shape[1]), out)
+        out = np.asarray(cv2.flip(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), 0), dtype=np.uint8)
+        antialias(color, numbers, table, self._seen, BorderRows.of(*color.shape[:2]), out)
         return out
 
     def geometry(self, numbers: NDArray[np.float32]) -> Geometry:
