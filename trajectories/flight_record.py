@@ -59,10 +59,17 @@ class Flight:
 
     @classmethod
     def of_rows(cls, stamps_ns: NDArray[np.int64], rows: Array) -> "Flight":
-        """Flight of rows (n, 30) of a record in progress, as unchecked views without a copy."""
+        """Flight of rows (n, 30) of a record in progress, as unchecked views, made on access, without a copy."""
         flight = object.__new__(cls)
-        vars(flight).update({name: rows[:, columns] for name, columns in RECORD.items()}, stamps_ns=stamps_ns)
+        vars(flight).update(stamps_ns=stamps_ns, _rows=rows)
         return flight
+
+    def __getattr__(self, name: str) -> Array:
+        """A column of a flight of `of_rows`."""
+        if name not in RECORD or "_rows" not in vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        column: Array = vars(self)["_rows"][:, RECORD[name]]
+        return column
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)

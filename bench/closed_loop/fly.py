@@ -168,7 +168,7 @@ class Loop:
 
     def deliver(self, now_ns: int) -> None:
         """Pass the tracker's results that are due by now to the estimator."""
-        for answer in [answer for answer in self.due if answer[0] <= now_ns]:
+        for answer in [answer for answer in self.due if answer[0] <= now_ns] if self.due else ():
             self.due.remove(answer)
             assert self.estimator is not None
             self.estimator.answer(answer[1], answer[2])

@@ -1,9 +1,9 @@
 """The body's sensors in flight: each reading is simulated at its time, with noise from its own random stream."""
 
 from bisect import bisect_right
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ NEVER_NS = 2**63 - 1
 """A stamp in ns after the end of any flight."""
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
+class Reading(NamedTuple):
     """Reading of one sensor at one time: its name, its spec, its values (k,) in the order and units of `measured`."""
 
     name: str
@@ -44,24 +43,28 @@ class LiveSensor:
         self.columns: tuple[str, ...] = tuple(getattr(type(sensor), "measured", ()))
         self._reader: Reader = sensor.begin(len(self.stamps), obstacles, stream(seed, "sensor", name))
         self._due_ns: list[int] = self.stamps.tolist()
-        self._done, self.next_ns = 0, 0
+        self._values = np.empty((len(self.stamps), len(self.columns)))
+        self._given = self._done = self.next_ns = 0
 
     def read(self, record: Array, row: int) -> list[Reading]:
         """Readings that are due at a row of a flight's record."""
         if row * STEP_NS < self.next_ns:
             return []
-        end = bisect_right(self._due_ns, row * STEP_NS, self._done)
-        before = self._due_ns[max(self._done - 1, 0)] // STEP_NS
-        new = self.stamps[self._done : end]
-        values = self._reader.read(part(record, before, row), new)[:, : len(self.columns)]
+        first, end = self._done, bisect_right(self._due_ns, row * STEP_NS, self._done)
+        before = self._due_ns[max(first - 1, 0)] // STEP_NS
+        values = self._values[first:end]
+        values[:] = self._reader.read(part(record, before, row), self.stamps[first:end])[:, : len(self.columns)]
         self._done, self.next_ns = end, self._due_ns[end] if end < len(self._due_ns) else NEVER_NS
-        return [Reading(self.name, self.sensor, t, v) for t, v in zip(new.tolist(), values, strict=True)]
+        return [Reading(self.name, self.sensor, self._due_ns[k], self._values[k]) for k in range(first, end)]
 
-    def samples(self, readings: list[Reading]) -> Samples:
-        """Readings of this sensor as arrays."""
-        stamps = np.array([reading.stamp_ns for reading in readings], dtype=np.int64)
-        values = np.array([reading.values for reading in readings]).reshape(len(readings), len(self.columns))
-        return Samples(stamps, values)
+    def upto(self, stamp_ns: int) -> Samples:
+        """Readings up to and including a stamp, without those returned before."""
+        first, self._given = self._given, bisect_right(self._due_ns, stamp_ns, self._given, self._done)
+        return Samples(self.stamps[first : self._given].copy(), self._values[first : self._given].copy())
+
+    def table(self) -> Table:
+        """All readings so far."""
+        return Table(self.columns, self.stamps[: self._done], self._values[: self._done])
 
 
 class Sensors:
@@ -70,8 +73,6 @@ class Sensors:
     def __init__(self, spec: SequenceSpec, loop: LoopSpec, steps: int, obstacles: ObstacleMesh) -> None:
         self._live = [LiveSensor(n, live(s), steps, obstacles, spec.seed) for n, s in named(spec.sensors).items()]
         self._outages_ns = [(a * 1e9, b * 1e9) for a, b in loop.gnss_outages_s]
-        self._kept: dict[str, list[Reading]] = {sensor.name: [] for sensor in self._live}
-        self._all: dict[str, list[Reading]] = {sensor.name: [] for sensor in self._live}
         self.has_fix = False
         self._next_ns = 0
         self.body = body_of(spec)
@@ -80,37 +81,26 @@ class Sensors:
         """Readings that are due, in the order of the sensors."""
         if row * STEP_NS < self._next_ns:
             return []
-        new = [self._seen(reading) for sensor in self._live for reading in sensor.read(record, row)]
+        new = [reading for sensor in self._live for reading in sensor.read(record, row)]
         for reading in new:
-            self._kept[reading.name].append(reading)
-            self._all[reading.name].append(reading)
+            if isinstance(reading.sensor, Gnss):
+                self._receive(reading)
         self._next_ns = min((sensor.next_ns for sensor in self._live), default=NEVER_NS)
         return new
 
     def upto(self, stamp_ns: int) -> dict[str, Samples]:
         """Readings by sensor up to and including a stamp, without those returned before."""
-        out = {}
-        for sensor in self._live:
-            kept = self._kept[sensor.name]
-            count = sum(reading.stamp_ns <= stamp_ns for reading in kept)
-            out[sensor.name] = sensor.samples(kept[:count])
-            del kept[:count]
-        return out
+        return {sensor.name: sensor.upto(stamp_ns) for sensor in self._live}
 
     def tables(self) -> dict[str, Table]:
         """All readings so far, by sensor, as the vehicle had them."""
-        samples = {sensor: sensor.samples(self._all[sensor.name]) for sensor in self._live}
-        return {sensor.name: Table(sensor.columns, of.stamps_ns, of.values) for sensor, of in samples.items()}
+        return {sensor.name: sensor.table() for sensor in self._live}
 
-    def _seen(self, reading: Reading) -> Reading:
-        """The reading, without a fix during a GNSS outage."""
-        if not isinstance(reading.sensor, Gnss):
-            return reading
-        values = reading.values
-        if any(first <= reading.stamp_ns < last for first, last in self._outages_ns):
-            values = np.concatenate([[0.0], np.full(len(values) - 1, np.nan)])
-        self.has_fix = bool(np.isfinite(values).all())
-        return Reading(reading.name, reading.sensor, reading.stamp_ns, values)
+    def _receive(self, fix: Reading) -> None:
+        """Note whether there is a fix; during an outage there is none."""
+        if any(first <= fix.stamp_ns < last for first, last in self._outages_ns):
+            fix.values[0], fix.values[1:] = 0.0, np.nan
+        self.has_fix = bool(np.isfinite(fix.values).all())
 
 
 def live(sensor: SensorSpec) -> Any:

@@ -1,5 +1,5 @@
 """Speed of flight: seconds simulated per second of one core; processor time of a flight in closed loop by that of its
-frames; processor time of the vehicle's filter.
+frames, and of its sequence; processor time of the vehicle's filter.
 
 `pytest bench/speed/test_speed_flights.py --benchmark-only`; the one of many flights uses every core.
 """
@@ -8,8 +8,9 @@ import os
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from time import process_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -17,11 +18,14 @@ import pytest
 from uavbench.bench.closed_loop.eye import WayFlown, eye
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.fly import Loop
+from uavbench.bench.closed_loop.fly import fly as fly_closed
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import open_sequence
+from uavbench.scenes.generate import generate
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import Radiance, encode
 from uavbench.scenes.scene import build_scene
@@ -31,6 +35,7 @@ from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, up
 from uavbench.tracker.fusion.measurements import CameraPose
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
+from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.around import Hover, Orbit
@@ -172,19 +177,49 @@ def flown(spec: SequenceSpec, pilot: Pilot) -> float:
     return (simulated - watch.measuring_s) / watch.frames_s
 
 
-def test_a_flight_against_its_frames(benchmark: Any) -> None:
-    """`robust` on the first flight of `fly-box`, shortened; the median of the rounds is held against the goal."""
+class Flown(NamedTuple):
+    """What is flown, and on which tracker."""
+
+    spec: SequenceSpec
+    pilot: Pilot
+
+
+@pytest.fixture(scope="module")
+def short() -> Flown:
+    """The first flight of `fly-box`, shortened, on `robust`."""
     suite = load_suite(suite_file("fly-box"))
     spec = suite.sequences[0]
     assert isinstance(spec, SequenceSpec)
     path: Any = replace(spec.flight.path, duration_s=FLIGHT_S)  # type: ignore[type-var]
     spec = replace(spec, flight=replace(spec.flight, path=path))
     (loop,) = suite.loops.values()
-    pilot = Pilot(label="robust", tracker=suite.trackers["robust"], rate_hz=spec.rate_hz, loop=loop)
-    flown(spec, pilot)
+    return Flown(spec, Pilot(label="robust", tracker=suite.trackers["robust"], rate_hz=spec.rate_hz, loop=loop))
+
+
+def test_a_flight_against_its_frames(benchmark: Any, short: Flown) -> None:
+    """A flight by the images and the calls of `track` within it alone; the median of the rounds."""
+    flown(*short)
     times: list[float] = []
-    benchmark.pedantic(lambda: times.append(flown(spec, pilot)), rounds=5)
+    benchmark.pedantic(lambda: times.append(flown(*short)), rounds=5)
     benchmark.extra_info["times_its_frames"] = float(np.median(times))
+
+
+def test_a_flight_against_its_sequence(benchmark: Any, short: Flown, tmp_path: Path) -> None:
+    """A flight by rendering its sequence and tracking that; the median of the rounds is held against the goal."""
+    spec, pilot = short
+    times: list[float] = []
+
+    def both() -> None:
+        begun = process_time()
+        fly_closed(spec, pilot)
+        landed = process_time()
+        folder = tmp_path / str(len(times))
+        generate(spec, folder, content_hash="speed")
+        track_sequence(pilot.tracker, open_sequence(folder), rate_hz=pilot.rate_hz, seed=spec.seed)
+        times.append((landed - begun) / (process_time() - landed))
+
+    benchmark.pedantic(both, rounds=3, warmup_rounds=1)
+    benchmark.extra_info["times_its_sequence"] = float(np.median(times[1:]))
 
 
 @pytest.fixture(scope="module")
@@ -208,8 +243,8 @@ def covariance_of(estimate: Estimate) -> Array:
 def test_a_propagation_of_the_filter(benchmark: Any, config: FusionConfig) -> None:
     """State and covariance over one interval of an IMU of 200 Hz."""
     start = begun()
-    gyro, accel = np.array([0.1, -0.2, 0.3]), np.array([0.1, 0.2, 9.8])
-    benchmark(propagate, start.pack(), covariance_of(start), gyro, accel, 0.005, config.densities)
+    reading = np.array([0.1, -0.2, 0.3, 0.1, 0.2, 9.8])
+    benchmark(propagate, start.pack(), covariance_of(start), reading, reading, 0.005, config.densities)
 
 
 def test_an_update_of_the_filter(benchmark: Any, config: FusionConfig) -> None:

@@ -68,6 +68,12 @@ def some_state(rng):
     return state
 
 
+def held(state, P, gyro, accel, seconds, config):
+    """State and covariance after constant readings."""
+    reading = np.concatenate([gyro, accel])
+    return propagate(state, P, reading, reading, seconds, config.densities)
+
+
 # Propagation
 
 
@@ -79,7 +85,7 @@ def test_a_turning_body_under_constant_force_moves_as_the_closed_form_says():
     for dt in (t, t / 7):
         now, P = state, np.eye(21)
         for _ in range(round(t / dt)):
-            now, P = propagate(now, P, np.array([0.0, 0.0, w]), accel, dt, QUIET.densities)
+            now, P = held(now, P, np.array([0.0, 0.0, w]), accel, dt, QUIET)
         v = f / w * np.array([np.sin(w * t), 1 - np.cos(w * t), 0.0])
         p = f / w**2 * np.array([1 - np.cos(w * t), w * t - np.sin(w * t), 0.0])
         np.testing.assert_allclose(now[3:6], v, atol=1e-12)
@@ -96,19 +102,20 @@ def test_the_covariance_moves_by_the_derivative_of_the_motion(seed):
     )  # fmt: skip
     densities = silent.densities
     densities[4:6] = 0.0  # of the slow error of the camera's poses
-    after, _ = propagate(state, np.eye(21), gyro, accel, dt, densities)
+    reading = np.concatenate([gyro, accel])
+    after, _ = propagate(state, np.eye(21), reading, reading, dt, densities)
     F = np.empty((21, 21))
     h = 1e-6
     for i in range(21):
         e = np.zeros(21)
         e[i] = h
         F[:, i] = (
-            difference(propagate(moved(state, e), np.eye(21), gyro, accel, dt, densities)[0], after)
-            - difference(propagate(moved(state, -e), np.eye(21), gyro, accel, dt, densities)[0], after)
+            difference(propagate(moved(state, e), np.eye(21), reading, reading, dt, densities)[0], after)
+            - difference(propagate(moved(state, -e), np.eye(21), reading, reading, dt, densities)[0], after)
         ) / (2 * h)
     A = rng.normal(size=(21, 21))
     P = A @ A.T
-    _, found = propagate(state, P, gyro, accel, dt, densities)
+    _, found = propagate(state, P, reading, reading, dt, densities)
     np.testing.assert_allclose(found, F @ P @ F.T, rtol=1e-6, atol=2e-6 * np.abs(P).max())
 
 
@@ -121,7 +128,7 @@ def test_noise_grows_as_the_integrals_of_white_noise():
     for n in (10, 400):
         now, P = state, np.zeros((21, 21))
         for _ in range(n):
-            now, P = propagate(now, P, np.zeros(3), np.array([0, 0, STANDARD_GRAVITY_M_S2]), t / n, config.densities)
+            now, P = held(now, P, np.zeros(3), np.array([0, 0, STANDARD_GRAVITY_M_S2]), t / n, config)
         assert P[3, 3] == pytest.approx(0.09 * t, rel=1e-9)
         assert P[0, 0] == pytest.approx(0.09 * t**3 / 3, rel=1e-9)
         assert P[0, 3] == pytest.approx(0.09 * t**2 / 2, rel=1e-9)
@@ -131,7 +138,7 @@ def test_the_slow_error_of_the_camera_keeps_its_size():
     config = FusionConfig(camera_slow_s=3.0)
     state, P = some_state(np.random.default_rng(0)), np.zeros((21, 21))
     for _ in range(4000):
-        state, P = propagate(state, P, np.zeros(3), np.zeros(3), 0.01, config.densities)
+        state, P = held(state, P, np.zeros(3), np.zeros(3), 0.01, config)
     np.testing.assert_allclose(np.sqrt(np.diag(P)[15:]), 1.0, rtol=1e-6)
 
 
@@ -433,6 +440,15 @@ def test_readings_without_a_value_are_refused():
         Height(stamp_ns=0, height_m=np.inf, sigma_m=1.0)
 
 
+def test_a_measurement_at_the_stamp_of_the_last_sample_is_applied_at_once():
+    filter_ = began()
+    filter_.imu(ns(0.01), body_rate(0.01), specific_force(0.01))
+    filter_.take(Height(stamp_ns=ns(0.01), height_m=world_from_body(0.01).translation[2], sigma_m=0.1))
+    assert [verdict.kind for verdict in filter_.verdicts] == ["Height"]
+    filter_.take(Height(stamp_ns=ns(0.011), height_m=1.0, sigma_m=0.1))
+    assert len(filter_.verdicts) == 1, "beyond the last sample there is no reading to move the state with"
+
+
 def test_a_measurement_older_than_the_history_is_told_as_such():
     run = fly(began(FusionConfig(history_s=0.5)), 2.0)
     before = run.estimate().covariance
@@ -483,7 +499,7 @@ def test_propagation_agrees_with_gtsams_preintegration():
     for _ in range(200):
         gyro, accel = 0.5 * rng.normal(size=3), np.array([0, 0, 9.8]) + 2 * rng.normal(size=3)
         theirs.integrateMeasurement(accel, gyro, 0.005)
-        state, P = propagate(state, P, gyro, accel, 0.005, config.densities)
+        state, P = held(state, P, gyro, accel, 0.005, config)
     nav = theirs.predict(
         gtsam.NavState(gtsam.Pose3(gtsam.Rot3(pose.rotation), pose.translation), v), gtsam.imuBias.ConstantBias()
     )

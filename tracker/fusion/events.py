@@ -15,10 +15,14 @@ class Key(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """One IMU reading: body rate (3,) in rad/s, specific force (3,) in m/s^2."""
+    """One IMU reading (6,): body rate in rad/s, specific force in m/s^2."""
 
-    gyro: Array
-    accel: Array
+    reading: Array
+
+    @property
+    def gyro(self) -> Array:
+        """Body rate (3,), rad/s."""
+        return self.reading[0:3]
 
 
 @dataclass(frozen=True)

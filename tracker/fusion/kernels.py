@@ -72,9 +72,10 @@ class Increments(NamedTuple):
 
 
 @compiled("f1 f1 f1 f0", inner=True)
-def increments(state: Array, gyro: Array, accel: Array, dt: float) -> Increments:
-    """Motion in the body over dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2."""
-    force, phi = accel - state[15:18], (gyro - state[18:21]) * dt
+def increments(state: Array, first: Array, last: Array, dt: float) -> Increments:
+    """Motion in the body over dt seconds with the mean of the readings (6,) at both ends, rad/s and m/s^2."""
+    mean = 0.5 * (first + last)
+    force, phi = mean[3:6] - state[15:18], (mean[0:3] - state[18:21]) * dt
     E, G1, G2 = so3_exp(phi), so3_left_jacobian(phi), second_integral(phi)
     return Increments(force, phi, E, G1, G2, turned(G1, force), turned(G2, force))
 
@@ -106,20 +107,20 @@ def moved(state: Array, E: Array, a1: Array, a2: Array, dt: float, densities: Ar
 
 
 @compiled("f1 f1 f1 f0 f1")
-def propagate_nominal(state: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> Array:
+def propagate_nominal(state: Array, first: Array, last: Array, dt: float, densities: Array) -> Array:
     """Nominal state (27,) of `propagate` to the same bits, at a fraction of its cost."""
-    step = increments(state, gyro, accel, dt)
+    step = increments(state, first, last, dt)
     return moved(state, step.E, step.a1, step.a2, dt, densities)
 
 
 @compiled("f1 f2 f1 f1 f0 f1")
-def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> Belief:
-    """State and covariance after dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2.
+def propagate(state: Array, P: Array, first: Array, last: Array, dt: float, densities: Array) -> Belief:
+    """State and covariance after dt seconds with the mean of the readings (6,) at both ends, rad/s and m/s^2.
 
     The nominal state (eq. 259) is integrated in closed form for constant rate and specific force in the body; the
     error's transition (eq. 269, 270) and noise (eq. 262 to 265, with the densities of continuous time) follow from it.
     """
-    force, phi, E, G1, G2, a1, a2 = increments(state, gyro, accel, dt)
+    force, phi, E, G1, G2, a1, a2 = increments(state, first, last, dt)
     out = moved(state, E, a1, a2, dt, densities)
     R = np.ascontiguousarray(state[6:15]).reshape(3, 3)
     RG1, RG2 = product(R, G1), product(R, G2)
@@ -192,6 +193,18 @@ def cholesky(S: Array, L: Array) -> bool:
     return True
 
 
+@compiled("f2")
+def is_positive(P: Array) -> bool:
+    """Whether a symmetric matrix and its trace are finite, and the matrix is positive definite."""
+    trace = 0.0
+    for i in range(P.shape[0]):
+        trace += P[i, i]
+        for j in range(P.shape[1]):
+            if not math.isfinite(P[i, j]):
+                return False
+    return math.isfinite(trace) and cholesky(P, np.zeros(P.shape))
+
+
 @compiled("f2 f2", inner=True)
 def solved(L: Array, B: Array) -> Array:
     """X with L L' X = B."""
@@ -209,6 +222,21 @@ def solved(L: Array, B: Array) -> Array:
                 s -= L[k, i] * X[k, c]
             X[i, c] = s / L[i, i]
     return X
+
+
+@compiled("f1 f2!", allocates=False)
+def fill_jacobian(e: Array, J: Array) -> None:
+    """Jacobian (6, 6) by d of log(exp(d) exp(e)), to first order in the twist e (6,): I - ad(e) / 2."""
+    for i in range(6):
+        for j in range(6):
+            J[i, j] = 1.0 if i == j else 0.0
+    for i, j in ((0, 0), (3, 3)):  # ad acts on (translation, rotation)
+        J[i, j + 1], J[i + 1, j] = 0.5 * e[5], -0.5 * e[5]
+        J[i, j + 2], J[i + 2, j] = -0.5 * e[4], 0.5 * e[4]
+        J[i + 1, j + 2], J[i + 2, j + 1] = 0.5 * e[3], -0.5 * e[3]
+    J[0, 4], J[1, 3] = 0.5 * e[2], -0.5 * e[2]
+    J[0, 5], J[2, 3] = -0.5 * e[1], 0.5 * e[1]
+    J[1, 5], J[2, 4] = 0.5 * e[0], -0.5 * e[0]
 
 
 @compiled("f2 f2 f2")

@@ -4,12 +4,13 @@ Each returns at a nominal state its residual, the Jacobian H of the residual wit
 residual = H error + noise), and its noise covariance.
 """
 
-import math
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from functools import lru_cache
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from uavbench.tracker.fusion.kernels import fill_jacobian, is_positive
 from uavbench.tracker.fusion.state import ERROR, FusionConfig
 from uavbench.tracker.geometry_kernels import se3_log_left
 from uavbench.trajectories.pose import Array, Pose, hat, read_only
@@ -78,26 +79,42 @@ class CameraPose:
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
         """Negative twist from the measured to the predicted camera, and its Jacobian."""
-        R, C = state[6:15].reshape(3, 3), self.cam_from_body
-        rotation = C.rotation @ R.T
-        translation = C.translation - rotation @ state[0:3]
-        measured = np.ascontiguousarray(self.cam_from_world.rotation)  # inverses are stored column-major
-        e = se3_log_left(measured, self.cam_from_world.translation, rotation, translation)
-        # log(exp(d) exp(e)) = e + d - 1/2 ad(e) d to first order in d and in e; ad acts on (translation, rotation).
-        after = np.eye(6)
-        after[:3, :3] -= 0.5 * hat(e[3:])
-        after[:3, 3:] -= 0.5 * hat(e[:3])
-        after[3:, 3:] -= 0.5 * hat(e[3:])
-        turned = np.zeros((6, 6))
-        turned[:3, :3] = turned[3:, 3:] = C.rotation
-        turned[:3, 3:] = hat(C.translation) @ C.rotation
-        by_body = after @ turned
-        H = np.zeros((6, ERROR))
-        H[:, POSITION] = by_body[:, :3] @ -R.T
-        H[:, ATTITUDE] = -by_body[:, 3:]
+        twist, H = deviation(self.cam_from_world, self.cam_from_body, state)
         L = np.linalg.cholesky(self.slow) if self.slow.any() else self.slow
         H[:, SLOW] = -L
-        return Innovation(L @ state[21:27] - e, H, self.covariance)
+        return Innovation(L @ state[21:27] - twist, H, self.covariance)
+
+
+class Deviation(NamedTuple):
+    """Twist (6,) from a pose of the camera to that of a state, and the Jacobian H (6, 21) of its negative."""
+
+    twist: Array
+    H: Array
+
+
+def deviation(cam_from_world: Pose, cam_from_body: Pose, state: Array) -> Deviation:
+    """Deviation of a nominal state (27,) from a pose of the camera, without the slow error of its poses."""
+    R, C = state[6:15].reshape(3, 3), cam_from_body
+    rotation = C.rotation @ R.T
+    translation = C.translation - rotation @ state[0:3]
+    measured = np.ascontiguousarray(cam_from_world.rotation)  # inverses are stored column-major
+    e = se3_log_left(measured, cam_from_world.translation, rotation, translation)
+    after = np.empty((6, 6))
+    fill_jacobian(e, after)
+    by_body = after @ _turned(C)
+    H = np.zeros((6, ERROR))
+    H[:, POSITION] = by_body[:, :3] @ -R.T
+    H[:, ATTITUDE] = -by_body[:, 3:]
+    return Deviation(e, H)
+
+
+@lru_cache(maxsize=1)
+def _turned(cam_from_body: Pose) -> Array:
+    """Adjoint (6, 6) of a pose: twists of the body as twists of the camera."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = cam_from_body.rotation
+    out[:3, 3:] = hat(cam_from_body.translation) @ cam_from_body.rotation
+    return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -209,6 +226,6 @@ def finite(name: str, values: Array) -> None:
 def checked(covariance: Array, n: int) -> Array:
     """A covariance (n, n), read-only; ValueError unless it is finite and positive."""
     out = read_only(covariance, (n, n))
-    if not np.isfinite(out).all() or not math.isfinite(float(np.trace(out))) or np.linalg.eigvalsh(out)[0] <= 0:
+    if not is_positive(out):
         raise ValueError("the covariance of a measurement is finite and positive; state what you do not know as large")
     return out

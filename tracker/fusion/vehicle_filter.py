@@ -14,7 +14,7 @@ from uavbench.tracker.fusion.kernels import (
     propagate_nominal,
     update,
 )
-from uavbench.tracker.fusion.measurements import CameraPose, Innovation, Measurement
+from uavbench.tracker.fusion.measurements import CameraPose, Innovation, Measurement, deviation
 from uavbench.tracker.fusion.state import ERROR, Estimate, FusionConfig
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.kernels.warm_up import prepare
@@ -40,6 +40,7 @@ class VehicleFilter:
         prepare(__name__)
         self.config, self.cam_from_body = config, cam_from_body
         self._densities = config.densities
+        self._history_ns = round(config.history_s * 1e9)
         self._gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in range(1, 7)}
         P = np.eye(ERROR)
         P[:15, :15] = initial.covariance
@@ -52,10 +53,10 @@ class VehicleFilter:
 
     def imu(self, stamp_ns: int, gyro_rad_s: Array, accel_m_s2: Array) -> None:
         """Process an IMU sample; ValueError when it is not finite."""
-        gyro, accel = (np.array(v, dtype=np.float64) for v in (gyro_rad_s, accel_m_s2))
-        if gyro.shape != (3,) or accel.shape != (3,) or not all(map(isfinite, (*gyro.tolist(), *accel.tolist()))):
+        reading = np.concatenate((gyro_rad_s, accel_m_s2), dtype=np.float64)
+        if len(gyro_rad_s) != 3 or reading.shape != (6,) or not all(map(isfinite, reading.tolist())):
             raise ValueError(f"IMU sample at {stamp_ns}: two finite vectors (3,) are needed")
-        self._put(Key(stamp_ns, IMU_RANK, 0), Sample(gyro, accel))
+        self._put(Key(stamp_ns, IMU_RANK, 0), Sample(reading))
 
     def camera(self, stamp_ns: int, result: TrackResult) -> None:
         """Process a tracker's result; ignored unless its status is `ok` and it has a covariance."""
@@ -111,8 +112,8 @@ class VehicleFilter:
         state = before.state
         dt = (stamp_ns - before.stamp_ns) * 1e-9
         if dt > 0:
-            mean = _mean(before.sample, sample)
-            state = propagate_nominal(state, mean.gyro, mean.accel, dt, self._densities)
+            first = before.sample or sample
+            state = propagate_nominal(state, first.reading, sample.reading, dt, self._densities)
         return Nominal(state, sample.gyro - state[18:21])
 
     def covariance(self, stamp_ns: int) -> Array:
@@ -123,10 +124,7 @@ class VehicleFilter:
         """Predicted `cam_from_world` and the covariance (6, 6) of its twist: a prior for a tracker."""
         state, P, _ = self._at(stamp_ns)
         pose = self.cam_from_body @ Pose(state[6:15].reshape(3, 3), state[0:3]).inverse()
-        there = CameraPose(
-            stamp_ns=stamp_ns, cam_from_world=pose, covariance=np.eye(6), cam_from_body=self.cam_from_body
-        )
-        H = there.innovation(state, np.zeros(3)).H[:, :15]
+        H = deviation(pose, self.cam_from_body, state).H[:, :15]
         return PredictedCamera(pose, H @ P[:15, :15] @ H.T)
 
     @property
@@ -139,7 +137,7 @@ class VehicleFilter:
             if key.rank != IMU_RANK:
                 self._past.append(Verdict(key.stamp_ns, type(event).__name__, None, None, "older than the history"))
             return
-        place = bisect_left(self._keys, key)
+        place = bisect_left(self._keys, key) if self._keys and key <= self._keys[-1] else len(self._keys)
         if key.rank == IMU_RANK and place < len(self._keys) and self._keys[place] == key:
             return  # the same sample twice
         self._keys.insert(place, key)
@@ -152,27 +150,22 @@ class VehicleFilter:
         self._forget()
 
     def _go_on(self) -> None:
-        """Process all events up to the last IMU sample."""
-        covered = next((i for i in range(len(self._keys), 0, -1) if self._keys[i - 1].rank == IMU_RANK), 0)
-        end = self._keys[covered - 1].stamp_ns if covered else None
-        while len(self._done) < len(self._keys):
-            key, event = self._keys[len(self._done)], self._events[len(self._done)]
-            if end is None or key.stamp_ns > end:
-                break
-            before = self._last
-            state, P, sample = self._carried(before, key.stamp_ns, self._reading(len(self._done)))
+        """Process all events up to the stamp of the last IMU sample, that included."""
+        keys, done = self._keys, self._done
+        until_ns = next((key.stamp_ns for key in reversed(keys) if key.rank == IMU_RANK), self._base.stamp_ns - 1)
+        while len(done) < len(keys) and keys[len(done)].stamp_ns <= until_ns:
+            place, before = len(done), self._last
+            event, stamp_ns = self._events[place], keys[place].stamp_ns
             if isinstance(event, Sample):
-                self._done.append(Checkpoint(key.stamp_ns, state, P, event, before.refused, None))
+                state, P, _ = self._carried(before, stamp_ns, event)
+                done.append(Checkpoint(stamp_ns, state, P, event, before.refused, None))
             else:
-                self._done.append(
-                    self._measured(event, Checkpoint(key.stamp_ns, state, P, sample, before.refused, None))
-                )
+                state, P, sample = self._carried(before, stamp_ns, self._reading(place))
+                done.append(self._measured(event, Checkpoint(stamp_ns, state, P, sample, before.refused, None)))
 
     def _reading(self, place: int) -> Sample:
-        """IMU reading at an event's stamp, interpolated linearly between the adjacent samples."""
-        key, event = self._keys[place], self._events[place]
-        if isinstance(event, Sample):
-            return event
+        """IMU reading at a measurement's stamp, interpolated linearly between the adjacent samples."""
+        key = self._keys[place]
         if self._last.sample is not None and self._last.stamp_ns == key.stamp_ns:
             return self._last.sample
         after = next(i for i in range(place + 1, len(self._keys)) if self._keys[i].rank == IMU_RANK)
@@ -182,16 +175,15 @@ class VehicleFilter:
             return later
         span = self._keys[after].stamp_ns - last.stamp_ns
         share = (key.stamp_ns - last.stamp_ns) / span if span else 0.0
-        gyro = last.sample.gyro + share * (later.gyro - last.sample.gyro)
-        return Sample(gyro, last.sample.accel + share * (later.accel - last.sample.accel))
+        return Sample(last.sample.reading + share * (later.reading - last.sample.reading))
 
     def _carried(self, before: Checkpoint, stamp_ns: int, reading: Sample) -> Carried:
         """State and covariance propagated to a stamp with the mean of the readings at both ends."""
         dt = (stamp_ns - before.stamp_ns) * 1e-9
         if dt <= 0:
             return Carried(before.state, before.P, reading)
-        mean = _mean(before.sample, reading)
-        state, P = propagate(before.state, before.P, mean.gyro, mean.accel, dt, self._densities)
+        first = before.sample or reading
+        state, P = propagate(before.state, before.P, first.reading, reading.reading, dt, self._densities)
         return Carried(state, P, reading)
 
     def _measured(self, event: Measurement, at: Checkpoint) -> Checkpoint:
@@ -245,15 +237,15 @@ class VehicleFilter:
             raise ValueError(f"{stamp_ns} is older than the history of {self.config.history_s} s")
         after = next(c for c in self._done[place + 1 :] if c.sample is not None)
         if before.sample is None or after.sample is None:
-            return Since(before, after.sample or Sample(np.zeros(3), np.zeros(3)))
+            return Since(before, after.sample or Sample(np.zeros(6)))
         share = (stamp_ns - before.stamp_ns) / max(after.stamp_ns - before.stamp_ns, 1)
-        gyro = before.sample.gyro + share * (after.sample.gyro - before.sample.gyro)
-        reading = Sample(gyro, before.sample.accel + share * (after.sample.accel - before.sample.accel))
-        return Since(before, reading)
+        return Since(before, Sample(before.sample.reading + share * (after.sample.reading - before.sample.reading)))
 
     def _forget(self) -> None:
         """Drop events older than the history."""
-        oldest = self._last.stamp_ns - round(self.config.history_s * 1e9)
+        oldest = self._last.stamp_ns - self._history_ns
+        if not self._keys or self._keys[0].stamp_ns >= oldest:
+            return
         drop = min(bisect_left(self._keys, Key(oldest, IMU_RANK, 0)), len(self._done))
         if drop:
             self._past += [c.verdict for c in self._done[:drop] if c.verdict is not None]
@@ -267,10 +259,3 @@ def _weighted_down(P: Array, found: Innovation, beyond: float) -> Array:
     This is Huber's bounded influence (Karlgaard & Schaub 2007, Huber-based divided difference filtering).
     """
     return np.asarray(found.noise + (beyond - 1.0) * innovation_covariance(P, found.H, found.noise))
-
-
-def _mean(first: Sample | None, last: Sample) -> Sample:
-    """Mean of the readings at both ends of an interval; that at its end where there is none before."""
-    if first is None or first is last:
-        return last
-    return Sample(0.5 * (first.gyro + last.gyro), 0.5 * (first.accel + last.accel))

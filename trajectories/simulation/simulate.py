@@ -1,12 +1,11 @@
 """The flight loop: guidance, control, motors and aerodynamics, integrated by MuJoCo."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from uavbench.trajectories.geometry.vectors import add, rotation, scale, subtract, vector
-from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Guidance, VehicleState
@@ -34,20 +33,6 @@ BLOCK = 10
 """Control steps between updates of the guidance: 50 Hz."""
 
 
-class Actuation(NamedTuple):
-    """Thrusts of the rotors (4,), N, the controller's integral (3,), m/s^2, and the thrusts commanded (4,), N.
-
-    The last two are written in place at each step.
-    """
-
-    thrusts: Array
-    integral: Array
-    commands: Array
-
-
-ACTUATION = named_tuple(Actuation, "f1! f1! f1!")
-
-
 def simulate(simulation: "Simulation") -> Array:
     """Record (n, 30) of a flight on its true state, its columns as in `RECORD`; row k is the state at step k."""
     while not simulation.is_over:
@@ -70,7 +55,7 @@ class Simulation:
         self._advance = mujoco.mj_step
         self._model = compile_mjcf(vehicle.xml)
         self._data: Any = mujoco.MjData(self._model)
-        self._guidance, self._air = guidance, air
+        self._guidance, self._air, self._warm_up = guidance, air, guidance.warm_up
         body = plant(vehicle)
         self._vehicle = np.concatenate([np.ravel(field) for field in (*body, *gains)])
         self._obstacles = obstacles
@@ -81,7 +66,9 @@ class Simulation:
         integral = trim(body, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(hover))))
         self.qpos: Array = self._data.qpos
         self.qvel: Array = self._data.qvel
-        self._actuation = Actuation(self._data.act, integral, self._data.ctrl)
+        self._thrusts: Array = self._data.act
+        self._commands: Array = self._data.ctrl
+        self._integral = integral
         self._push = self._data.xfrc_applied[1]
         self.step, self.steps = -guidance.warm_up, guidance.steps
         self.record = np.zeros((guidance.steps, RECORD_COLUMNS))
@@ -105,23 +92,25 @@ class Simulation:
 
     def observe(self) -> None:
         """Fill the record's row of this step except for the commands, and apply the aerodynamic drag."""
-        at = (self.step + self._guidance.warm_up) % BLOCK
+        at = (self.step + self._warm_up) % BLOCK
         if at == 0:
-            first = self.step + self._guidance.warm_up
+            first = self.step + self._warm_up
             count = min(BLOCK, self.steps - self.step)
             self._winds = self._air.at(first, count, self.qpos[:3], self._obstacles)
-        _observe(self._vehicle, self._winds[at], self.qpos, self.qvel, self._actuation.thrusts, self._push, self._row)
+        _observe(self._vehicle, self._winds[at], self.qpos, self.qvel, self._thrusts, self._push, self._row)
 
     def command(self, qpos: Array, qvel: Array) -> None:
         """Set the thrusts that guidance and controller command for an estimated state, given as qpos and qvel."""
-        at = (self.step + self._guidance.warm_up) % BLOCK
+        at = (self.step + self._warm_up) % BLOCK
         if at == 0:
             believed = VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos))
             self._rows = self._guidance.rows(self.step, min(BLOCK, self.steps - self.step), believed)
         self.commanded = self._rows[at]
         if self.step >= 0:
             self.reference[self.step] = self.commanded
-        _command(self._vehicle, self.commanded, qpos, qvel, self._actuation, self._row)
+        row = self._row
+        _command(self._vehicle, self.commanded, qpos, qvel, self._thrusts, self._integral, row)
+        self._commands[:] = row[19:23]
 
     def advance(self) -> None:
         """Integrate one control step."""
@@ -175,18 +164,18 @@ def _observe(vehicle: Array, wind: Array, qpos: Array, qvel: Array, act: Array, 
         record[23 + k] = act[k]
 
 
-@compiled("f1 f1 f1 f1 Actuation f1!", Actuation=ACTUATION)
-def _command(vehicle: Array, reference: Array, qpos: Array, qvel: Array, actuation: Actuation, record: Array) -> None:
-    """Commands of one step for an estimated state; rotor speeds are taken as measured."""
+@compiled("f1 f1 f1 f1 f1 f1! f1!")
+def _command(
+    vehicle: Array, reference: Array, qpos: Array, qvel: Array, act: Array, integral: Array, record: Array
+) -> None:
+    """Thrusts of one step into its record, for an estimated state; rotor speeds are taken as measured."""
     plant, gains = plant_of(vehicle), gains_of(vehicle[PLANT_NUMBERS:])
-    speed_sum = rotor_speed_sum(plant, actuation.thrusts)
+    speed_sum = rotor_speed_sum(plant, act)
     velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
     state = BodyState(vector(qpos[0:3]), velocity, rotation(qpos[3:7]), omega, speed_sum)
-    thrust_commands(plant, gains, reference, state, actuation.integral, actuation.commands)
-    for k in range(4):
-        record[19 + k] = actuation.commands[k]
+    thrust_commands(plant, gains, reference, state, integral, record[19:23])
 
 
 def _yaw(qpos: Array) -> float:
-    w, x, y, z = qpos[3:7]
+    w, x, y, z = qpos[3:7].tolist()
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

@@ -1,6 +1,7 @@
 """A gamepad, and the velocity assist mode that turns its stick input into a reference."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, sin
 from typing import Annotated
 
@@ -36,7 +37,7 @@ class Gamepad:
     top_climb_m_s: Annotated[float, Gt(0)] = 0.4
     top_yaw_rate_deg_s: Annotated[float, Gt(0)] = 70.0
 
-    @property
+    @cached_property
     def tops(self) -> Array:
         """Commands (4,) at full deflection: m/s forward, left, up; rad/s."""
         return np.array(
@@ -45,9 +46,9 @@ class Gamepad:
 
     def command(self, stick_input: Array) -> Array:
         """Commands (4,) of stick deflections (4,) in -1..1."""
-        beyond = np.minimum(np.maximum((np.abs(stick_input) - self.dead_zone) / (1 - self.dead_zone), 0.0), 1.0)
-        bent = self.expo * (beyond * beyond * beyond) + (1 - self.expo) * beyond
-        return np.asarray(np.sign(stick_input) * bent * self.tops)
+        command = np.empty(4)
+        _bend(stick_input, self.dead_zone, self.expo, self.tops, command)
+        return command
 
     def deflection(self, command: Array) -> Array:
         """Stick deflections (4,) that give a command (4,), within -1..1: the inverse of `command`."""
@@ -88,35 +89,42 @@ class Assist:
         # position 0:3, velocity 3:6, acceleration 6:9, yaw 9, yaw rate 10, yaw acceleration 11
         self._state = np.zeros(12)
         self._state[0:3], self._state[9] = position_m, yaw_rad
-        self._wander, self._step = wander.at(np.arange(steps, dtype=np.float64) * STEP_S), 0
+        # of each step its error, and the first three derivatives
+        self._wander = np.stack(wander.at(np.arange(steps, dtype=np.float64) * STEP_S), axis=1)
+        self._step = 0
 
     def now(self) -> Array:
         """Current reference row (17,), at rest."""
         row = np.zeros(REFERENCE_COLUMNS)
-        error = self._wander[0][self._step]
+        error = self._wander[self._step, 0]
         row[0:3], row[9] = self._state[0:3] + error[:3], self._state[9] + error[3]
         return row
 
     def rows(self, command: Array, count: int) -> Array:
         """Reference rows (count, 17) of the next steps under one command (4,): m/s forward, left, up; rad/s."""
         rows = np.zeros((count, REFERENCE_COLUMNS))
-        jerks, yaw_rates = np.empty((count, 3)), np.empty(count)
-        _follow(self._state, command, rows, jerks, yaw_rates)
-        error, first, second, third = (wave[self._step : self._step + count] for wave in self._wander)
+        _follow(self._state, command, self._wander[self._step : self._step + count], rows)
         self._step += count
-        rows[:, 0:3] += error[:, :3]
-        rows[:, 3:6] += first[:, :3]
-        rows[:, 6:9] += second[:, :3]
-        rows[:, 9] += error[:, 3]
-        jerks += third[:, :3]
-        yaw_rates += first[:, 3]
-        fill_rates(rows, jerks, yaw_rates)
         return rows
 
 
-@compiled("f1! f1 f2! f2! f1!")
-def _follow(state: Array, command: Array, rows: Array, jerks: Array, yaw_rates: Array) -> None:
-    """Second-order lags from command to velocity and yaw rate, integrated exactly for a constant jerk per step."""
+@compiled("f1 f0 f0 f1 f1!", allocates=False)
+def _bend(stick_input: Array, dead_zone: float, expo: float, tops: Array, command: Array) -> None:
+    """Commands of a gamepad into command (4,)."""
+    for i in range(4):
+        x = stick_input[i]
+        beyond = np.minimum(np.maximum((abs(x) - dead_zone) / (1 - dead_zone), 0.0), 1.0)
+        bent = expo * (beyond * beyond * beyond) + (1 - expo) * beyond
+        command[i] = np.sign(x) * bent * tops[i]
+
+
+@compiled("f1! f1 f3 f2!")
+def _follow(state: Array, command: Array, wander: Array, rows: Array) -> None:
+    """Second-order lags from command to velocity and yaw rate, integrated exactly for a constant jerk per step.
+
+    wander (n, 4, 4): error of position and yaw that is added to rows (n, 17), and its first three derivatives.
+    """
+    jerks, yaw_rates = np.empty((len(rows), 3)), np.empty(len(rows))
     w, u, h = VELOCITY_BANDWIDTH_RAD_S, YAW_BANDWIDTH_RAD_S, STEP_S
     for k in range(rows.shape[0]):
         c, s = cos(state[9]), sin(state[9])
@@ -134,3 +142,11 @@ def _follow(state: Array, command: Array, rows: Array, jerks: Array, yaw_rates: 
         state[9] += h * state[10] + h * h / 2 * state[11] + h * h * h / 6 * yaw_jerk
         state[10] += h * state[11] + h * h / 2 * yaw_jerk
         state[11] += h * yaw_jerk
+        for i in range(3):
+            rows[k, i] += wander[k, 0, i]
+            rows[k, 3 + i] += wander[k, 1, i]
+            rows[k, 6 + i] += wander[k, 2, i]
+            jerks[k, i] += wander[k, 3, i]
+        rows[k, 9] += wander[k, 0, 3]
+        yaw_rates[k] += wander[k, 1, 3]
+    fill_rates(rows, jerks, yaw_rates)
