@@ -235,6 +235,24 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
     return True
 
 
+@compiled("f2 f2!", inner=True)
+def cholesky(S: Array, L: Array) -> bool:
+    """Lower factor L of a symmetric matrix S, which may be L itself; False when it is not positive."""
+    n = S.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            s = S[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if i == j:
+                if not s > 0.0:
+                    return False
+                L[i, i] = math.sqrt(s)
+            else:
+                L[i, j] = s / L[j, j]
+    return True
+
+
 @compiled("f2! f2!", inner=True)
 def eliminate(M: Array, N: Array) -> None:
     """Replace N (6, k) by M^-1 N, by Gauss-Jordan elimination with partial pivoting; M (6, 6) is overwritten."""

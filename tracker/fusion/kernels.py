@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import combination, so3_exp, so3_left_jacobian
+from uavbench.tracker.geometry_kernels import cholesky, combination, so3_exp, so3_left_jacobian
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -173,24 +173,6 @@ def propagate(state: Array, P: Array, first: Array, last: Array, dt: float, dens
         P_new[15 + i, 15 + i] += densities[4] * densities[4] * fresh
         P_new[18 + i, 18 + i] += densities[5] * densities[5] * fresh
     return Belief(out, P_new)
-
-
-@compiled("f2 f2!", inner=True)
-def cholesky(S: Array, L: Array) -> bool:
-    """Lower factor L of a symmetric matrix S; False when it is not positive."""
-    n = S.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            s = S[i, j]
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            if i == j:
-                if not s > 0.0:
-                    return False
-                L[i, i] = math.sqrt(s)
-            else:
-                L[i, j] = s / L[j, j]
-    return True
 
 
 @compiled("f2")
