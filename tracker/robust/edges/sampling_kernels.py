@@ -31,10 +31,12 @@ from uavbench.trajectories.pose import Array
 
 MARGIN_PX = float(BESIDE)
 """Least distance of control points from the image border, px: the colours beside them must be inside."""
-LEAST_SHRINK = 0.2
-"""Least ratio of successive spacings, in case hardly any edge is visible."""
-SAMPLINGS = 3
-"""Most samplings, with decreasing spacing while hidden-line removal leaves too few points."""
+LEAST_VISIBLE = 0.1
+"""Least share of the points that is assumed visible, in case hardly any is."""
+FIRST_PART = 0.5
+"""Part of the points by which the visible share is estimated, before all are placed."""
+LEAST_LENGTH_PX, MOST_LENGTH_PX, BISECTIONS = 0.01, 16384.0, 12
+"""Lengths of edges in an image, and halvings of their ratio, to less than a hundredth."""
 BINS = 8
 """Number of parts of an edge, each with its own appearance."""
 
@@ -118,6 +120,35 @@ def by_edge(points: Array, keys: Indices) -> ControlPoints:
     return ControlPoints(points, keys, rows, first[: e + 1].copy())
 
 
+@compiled("f0 f0 f0", inner=True)
+def points_on(length_px: float, spacing_px: float, dense_px: float) -> float:
+    """Number of points on an edge: one every spacing_px up to dense_px, from there on by the root of its length.
+
+    All pixels of a long edge see about the same offset, while short ones see others, often across its direction.
+    """
+    return min(length_px, math.sqrt(dense_px * length_px)) / spacing_px
+
+
+@compiled("f1 f0 f0 b0", inner=True)
+def dense_length(length: Array, spacing_px: float, wanted: float, rounded: bool) -> float:
+    """Length in px up to which edges are sampled densely so that all get `wanted` points; MOST_LENGTH_PX for all.
+
+    rounded: each edge gets a whole number of points.
+    """
+    seen = length[length > 0.0]
+    low, high = LEAST_LENGTH_PX, MOST_LENGTH_PX
+    for k in range(BISECTIONS):
+        middle, total = math.sqrt(low * high) if k else MOST_LENGTH_PX, 0.0
+        for e in range(len(seen)):
+            points = points_on(seen[e], spacing_px, middle)
+            total += int(points + 0.5) if rounded else points
+        if total > wanted:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
 @compiled("edges view f0 i0", edges=EDGE_MAP, view=VIEW)
 def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> ControlPoints:
     """Control points on the visible edges, hidden ones removed.
@@ -137,20 +168,20 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     seen = visible_parts(edges, view)
     visible, part, depth, length = seen.faces, seen.part, seen.depth, seen.length_px
     n_edges = len(ends)
-    total = 0.0
-    for e in range(n_edges):
-        total += length[e]
-    spacing = max(spacing_px, total / most)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    for _ in range(SAMPLINGS):
+    all_fit = dense_length(length, spacing_px, float(most), True) >= MOST_LENGTH_PX
+    wanted = float(most) if all_fit else FIRST_PART * most
+    for sampling in range(1 if all_fit else 0, 2):
+        dense_px = dense_length(length, spacing_px, wanted, sampling > 0)
         n, left_over = 0, 0.5
         for e in range(n_edges):
-            count = int(length[e] / spacing + 0.5)
-            if count == 0 and rounded[e]:  # the short edges of a round outline share their points
-                left_over += length[e] / spacing
+            share = points_on(length[e], spacing_px, dense_px)
+            count = int(share + 0.5)
+            if sampling == 0 or (count == 0 and rounded[e]):  # the short edges of a round outline share their points
+                left_over += share
                 count = int(left_over)
                 left_over -= count
             for k in range(count):
@@ -173,9 +204,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
-        if n >= most or spacing <= spacing_px:
-            break
-        spacing = max(spacing_px, spacing * max(n, LEAST_SHRINK * most) / most)
+        wanted *= most / max(n, LEAST_VISIBLE * wanted)
     return by_edge(points[:n].copy(), keys[:n].copy())
 
 
