@@ -54,5 +54,5 @@ def test_bars_are_not_taken_for_the_structure(number):
 
 
 def test_panels_are_not_taken_for_the_structure_unless_one_has_the_proportions_of_a_face():
-    found = [taken(panels(np.random.default_rng(seed), number)) for number in (3, 4) for seed in range(6)]
-    assert np.count_nonzero(found) <= 1
+    found = [taken(panels(np.random.default_rng(seed), number)) for number in (3, 4) for seed in range(14)]
+    assert np.count_nonzero(found) <= 2

@@ -59,9 +59,9 @@ def test_it_follows_the_box_to_millimetres_and_knows_its_error(flight):
         assert np.linalg.eigvalsh(result.covariance).min() > 0
     assert np.sqrt(np.mean(np.square(errors))) < 0.001
     assert np.max(errors) < 0.002
-    # 1 would be honest; on flights like this one it is cautious: 0.19, 0.22, 0.32 and 0.30 with four seeds. Narrow
+    # 1 would be honest; on flights like this one it is cautious: 0.42 to 0.78 with six seeds. Narrow
     # enough that a covariance wrong by a factor of three either way is noticed.
-    assert 0.1 < np.mean(nees[1:]) < 0.5
+    assert 0.25 < np.mean(nees[1:]) < 1.3
 
 
 def test_two_runs_are_the_same(flight):

@@ -25,6 +25,24 @@ def edge(distance, angle_deg, noise=0.0, rng=None):
     return np.clip(np.rint(codes), 0, 255).astype(np.uint8), np.array([SIZE // 2, SIZE // 2, nu, nv], dtype=float)
 
 
+def strip(gap, distance, angle_deg, middle=0.3):
+    """The same of a strip, `gap` px wide, of another light between the two half planes; the lines of both borders."""
+    nu, nv = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
+    across = (at[None, :] - SIZE // 2) * nu + (at[:, None] - SIZE // 2) * nv - distance
+    lens = math.sqrt(BLUR_PX**2 - 1 / 12)
+    steps = [0.5 * (1 + np.vectorize(math.erf)((across - at) / (math.sqrt(2) * lens))) for at in (0.0, gap)]
+    share = (middle * steps[0] + (1 - middle) * steps[1]).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
+    codes = encode(DARK * (1 - share) + BRIGHT * share)
+    half = SIZE // 2
+    lines = np.array([[half, half, nu, nv], [half + gap * nu, half + gap * nv, nu, nv]], dtype=float)
+    return np.clip(np.rint(codes), 0, 255).astype(np.uint8), lines
+
+
+def fit(image, lines, start, colour):
+    return fit_step(image, np.atleast_2d(lines), start, 2, 2, colour, np.empty((14, 14)))
+
+
 def direction():
     row = np.zeros(8)
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
@@ -37,11 +55,27 @@ def direction():
 def test_a_step_is_found_to_a_hundredth_of_a_pixel(angle, distance):
     image, line = edge(distance, angle)
     _, colour = direction()
-    found, variance = fit_step(image, line, 0.0, 3, 2, colour)
+    found, variance = fit(image, line, 0.0, colour)
     assert found == pytest.approx(distance, abs=0.06)
-    again, _ = fit_step(image, line, found, 3, 2, colour)
+    again, _ = fit(image, line, found, colour)
     assert again == pytest.approx(distance, abs=0.012)
     assert 0 < variance < 0.03**2
+
+
+def noisy(image, rng, sigma=3.0):
+    return np.clip(np.rint(image + rng.normal(0, sigma, image.shape)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("gap", [1.5, 2.5])
+def test_the_variance_of_one_in_a_crowd_is_that_of_its_error(gap):
+    rng = np.random.default_rng(0)
+    _, colour = direction()
+    fits = []
+    for _ in range(200):
+        image, lines = strip(gap, 0.1, rng.uniform(0, 360), middle=0.5)
+        fits.append(fit(noisy(image, rng), lines, 0.1, colour))
+    found, variance = np.transpose(fits)
+    assert 0.6 < np.mean((found - 0.1) ** 2 / variance) < 1.6
 
 
 def test_its_variance_is_that_of_its_error():
@@ -50,7 +84,7 @@ def test_its_variance_is_that_of_its_error():
     fits = []
     for _ in range(200):
         image, line = edge(0.1, rng.uniform(0, 360), 3.0, rng)
-        fits.append(fit_step(image, line, 0.1, 3, 2, colour))
+        fits.append(fit(image, line, 0.1, colour))
     found, variance = np.transpose(fits)
     assert 0.6 < np.mean((found - 0.1) ** 2 / variance) < 1.6
 
@@ -58,6 +92,30 @@ def test_its_variance_is_that_of_its_error():
 def test_no_step_is_found_where_there_is_none_or_it_goes_the_other_way():
     _, colour = direction()
     image, line = edge(0.0, 30)
-    assert fit_step(np.full_like(image, 90), line, 0.0, 3, 2, colour)[0] == np.inf
-    assert fit_step(image, line * np.array([1, 1, -1, -1]), 0.0, 3, 2, colour)[0] == np.inf
-    assert fit_step(image, np.array([1.0, 1.0, 1.0, 0.0]), 0.0, 3, 2, colour)[0] == np.inf
+    assert fit(np.full_like(image, 90), line, 0.0, colour)[0] == np.inf
+    assert fit(image, line * np.array([1, 1, -1, -1]), 0.0, colour)[0] == np.inf
+    assert fit(image, np.array([1.0, 1.0, 1.0, 0.0]), 0.0, colour)[0] == np.inf
+
+
+@pytest.mark.parametrize("angle", [0, 30, 90, 250])
+@pytest.mark.parametrize("gap", [1.5, 2.5, 4.0])
+@pytest.mark.parametrize("middle", [0.3, 0.7])
+def test_steps_that_crowd_are_found_together(gap, angle, middle):
+    image, lines = strip(gap, 0.2, angle, middle)
+    _, colour = direction()
+    for own in (lines, lines[::-1].copy()):
+        found, _ = fit(image, own, 0.0, colour)
+        assert fit(image, own, found, colour)[0] == pytest.approx(0.2, abs=0.04)
+
+
+def test_one_alone_would_be_drawn_to_the_other():
+    image, lines = strip(1.5, 0.2, 30)
+    _, colour = direction()
+    assert max(abs(fit(image, line, 0.2, colour)[0] - 0.2) for line in lines) > 0.03
+
+
+def test_a_strip_of_less_light_than_either_side_is_found_too():
+    image, lines = strip(1.5, -0.2, 20, middle=-0.08)
+    _, colour = direction()
+    found, _ = fit(image, lines[::-1].copy(), 0.0, colour)
+    assert fit(image, lines[::-1].copy(), found, colour)[0] == pytest.approx(-0.2, abs=0.02)

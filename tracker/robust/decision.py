@@ -73,7 +73,7 @@ class Decider:
         """The fit, or one of the edges alone if they contradict the patches and have clearly more support."""
         loss, relocalization = self.config.loss, self.config.relocalization
         contradict = fit.edge_support < min(loss.min_support, fit.support)
-        room = self.fitter.work.left >= self.fitter.largest_fit
+        room = self.fitter.has_room_for(1)
         if not (contradict and room and fit.control_points >= MIN_POINTS):
             return fit
         with clock.stage("relocalize"):

@@ -1,5 +1,7 @@
 """Fit of a pose to an image from a prediction: control points, search, hypotheses and M-estimation."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,15 +15,16 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import BINS, sample_edges, search_lines
-from uavbench.tracker.robust.edges.step_kernels import FittedPoints, refine_subpixel
+from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
+    contrast_weights,
     edge_spacing,
     offset_variances,
     point_variances,
     point_weights,
     support,
 )
-from uavbench.tracker.robust.false_alarms import chance
+from uavbench.tracker.robust.false_alarms import Chance, chance
 from uavbench.tracker.robust.kernel_config import KernelConfig
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
@@ -32,6 +35,7 @@ from uavbench.tracker.robust.pose_fit import (
     Fit,
     FitResiduals,
     Problem,
+    Searched,
     Solution,
 )
 from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets
@@ -46,10 +50,11 @@ from uavbench.trajectories.pose import Array, Pose
 Indices = NDArray[np.int64]
 MIN_POINTS = 6
 """Least number of control points or patches for a fit."""
-MOST_POINTS = 220
-"""Approximate largest number of control points, beyond which their spacing grows: limits their time."""
-FIT_EVALUATIONS = 1_500
-"""Cost of fitting a control point, in evaluations (see `BudgetConfig`): 3 us on the same core."""
+MOST_POINTS = 200
+"""Approximate largest number of visible control points, beyond which long edges get fewer: limits their time."""
+FIT_EVALUATIONS, LOCATED_EVALUATIONS = 1_300, 1_100
+"""Cost of fitting a control point, and of locating it between the pixels, in evaluations (see `BudgetConfig`): 2.6 and
+2.2 us on the same core."""
 TAKE_EVERY = 4
 """Frames between searches for new patches while enough are found: limits their time."""
 
@@ -75,10 +80,13 @@ class EdgeFitter:
         self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
         self.work = Work(self.config.budget.allowed(step_s))
 
-    @property
-    def largest_fit(self) -> int:
-        """Evaluations of the largest fit so far, and a quarter more."""
-        return self.most_points * 5 // 4 * FIT_EVALUATIONS
+    def cost(self, fits: int) -> int:
+        """Evaluations of so many fits of a search and of the one that locates the edges of the best, a quarter more."""
+        return self.most_points * 5 // 4 * (fits * FIT_EVALUATIONS + LOCATED_EVALUATIONS)
+
+    def has_room_for(self, fits: int) -> bool:
+        """Whether the frame's budget is enough for so many fits of a search and for locating the edges of the best."""
+        return self.work.left >= self.cost(fits)
 
     def fit(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
@@ -87,6 +95,12 @@ class EdgeFitter:
 
         half_px: largest half length of the search lines, None for no limit.
         """
+        return self.located(self.searched(image, predicted, covariance, clock, half_px), clock)
+
+    def searched(
+        self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
+    ) -> Fit:
+        """As `fit`, but to the matches of a search alone: with the same support, in half the time."""
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
@@ -96,9 +110,18 @@ class EdgeFitter:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         aligned = self.align(problem, most_px, clock)
         found = self.update(problem, aligned, clock)
-        best = self.refine_subpixel(problem, aligned, found, clock) if self.sharp else found.estimate
         with clock.stage("support"):
-            return self.judge(problem, aligned.matches, found, best)
+            return self.judge(Searched(problem, aligned, found, self.texture.chosen))
+
+    def located(self, fit: Fit, clock: StageClock) -> Fit:
+        """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
+        if fit.searched is None or not self.sharp:
+            return fit
+        self.work.done += fit.control_points * LOCATED_EVALUATIONS
+        with clock.stage("subpixel"):
+            best = self.refine_subpixel(fit.searched)
+        with clock.stage("support"):
+            return replace(fit.at(best), chance=self.chance_of(fit.searched, best.weighting))
 
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
         """Control points, their weights, and patches that are visible at the prediction."""
@@ -112,7 +135,7 @@ class EdgeFitter:
             weight = point_weights(spacing_px, points.rows, self.appearance, separate_px, self.weak_step, weights)
             prior = PosePrior(inverse6(covariance), view.R, view.t)
             edges = points.rows[points.first[:-1]] // BINS
-        return Problem(image, view, covariance, prior, points, lines, spacing_px, weight, edges)
+        return Problem(image, view, covariance, prior, points, lines, weight, edges)
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
         """Coarse estimate, by the patches if enough of them are found, else by hypotheses over a wide search."""
@@ -149,66 +172,72 @@ class EdgeFitter:
             estimate = self.solve(problem, measured, aligned.matches, edges, view, self.values.widths.fine)
         return Solution(estimate, measured, edges)
 
-    def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Estimate:
+    def refine_subpixel(self, searched: Searched) -> Estimate:
         """Estimate from intensity steps fitted to the pixels around the control points."""
-        with clock.stage("subpixel"):
-            view = aligned.view.to(found.estimate.R, found.estimate.t)
-            lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
-            fitted = FittedPoints(weighting.residual, weighting.weight, found.measured.variance_px2)
-            steps = refine_subpixel(
-                problem.image,
-                lines,
-                problem.points,
-                self.appearance,
-                problem.spacing_px,
-                fitted,
-                self.values.subpixel,
-            )
-            candidates = Candidates(steps.distance, found.measured.candidates.contrast)
-            measured = EdgeMeasurements(problem.points, lines, candidates, problem.weight, steps.variance_px2)
-            return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
+        problem, aligned, found, _ = searched
+        view = aligned.view.to(found.estimate.R, found.estimate.t)
+        lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
+        fitted = FittedPoints(weighting.residual, weighting.weight, found.measured.variance_px2)
+        steps = refine_subpixel(
+            problem.image,
+            lines,
+            problem.points,
+            self.appearance,
+            fitted,
+            self.values.subpixel,
+        )
+        candidates = Candidates(steps.distance, found.measured.candidates.contrast)
+        alone = contrast_weights(problem.points.rows, self.appearance, self.weak_step, self.values.weights)
+        weight = np.where(steps.refined, alone, problem.weight)
+        measured = EdgeMeasurements(problem.points, lines, candidates, weight, steps.variance_px2)
+        return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
 
-    def judge(self, problem: Problem, matches: PatchMatches, found: Solution, best: Estimate) -> Fit:
-        """The fit with its support, which counts only the matches of a search, not those of the refinement."""
-        points, weighting = problem.points, best.weighting
-        searched: Weighting = found.estimate.weighting
+    def judge(self, searched: Searched) -> Fit:
+        """The fit to the matches of a search, with its support."""
+        problem, aligned, found, chosen = searched
+        points, correlation, estimate = problem.points, aligned.matches.correlation, found.estimate
+        weighting: Weighting = estimate.weighting
         share = support(
-            found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, self.weak_step
+            found.measured, weighting.weight, weighting.patch_weight, correlation, self.appearance, self.weak_step
         )
-        n, patches, estimator = (
-            len(points.points),
-            np.count_nonzero(weighting.patch_weight),
-            self.config.solver.estimator,
-        )
-        return Fit(
-            Pose(best.R, best.t),
-            inverse6(best.step.information),
+        n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
+        fit = Fit(
+            Pose(estimate.R, estimate.t),
+            problem.covariance,
             share.whole,
             n,
             int(np.count_nonzero(found.measured.candidates.distance < np.inf)),
-            int(np.count_nonzero(weighting.weight) + patches),
-            float(best.R[2] @ points.points[n // 2] + best.t[2]) if n else float("nan"),
+            0,
+            float("nan"),
             share.edges,
             float(weighting.weight.sum() + patches),
-            chance(
-                points.rows,
-                found.measured.candidates.distance,
-                weighting.weight,
-                weighting.patch_weight,
-                matches.correlation,
-                float(estimator.fine_widths_px[-1]),
-                estimator.fine_half_px,
-            ),
+            self.chance_of(searched, weighting),
             FitResiduals(
                 points,
-                self.texture.chosen,
-                matches.correlation,
+                chosen,
+                correlation,
                 weighting,
                 found.edges,
-                best.sums,
-                best.step,
+                estimate.sums,
+                estimate.step,
                 problem.prior.information,
             ),
+            searched,
+        )
+        return fit.at(estimate)
+
+    def chance_of(self, searched: Searched, weighting: Weighting) -> Chance:
+        """How easily a random pose would find as much as these weights say was found."""
+        problem, aligned, found, _ = searched
+        fine = self.config.solver.estimator
+        return chance(
+            problem.points.rows,
+            found.measured.candidates.distance,
+            weighting.weight,
+            weighting.patch_weight,
+            aligned.matches.correlation,
+            float(fine.fine_widths_px[-1]),
+            fine.fine_half_px,
         )
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:

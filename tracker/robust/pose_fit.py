@@ -1,12 +1,13 @@
 """A fit: its problem, intermediate results, and the pose with its support and residuals."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.false_alarms import Chance
@@ -34,8 +35,8 @@ CERTAIN = Chance(0.0, 0.0)
 class Problem(NamedTuple):
     """An image (h, w, c), the prediction with its covariance (6, 6), and the control points visible at it.
 
-    lines are those at the prediction; spacing_px (n,) to the nearest other edge; weight (n,) of each control point;
-    edges (g,) rows of the edges in view among the offsets.
+    lines are those at the prediction; weight (n,) of each control point; edges (g,) rows of the edges in view among the
+    offsets.
     """
 
     image: Image
@@ -44,7 +45,6 @@ class Problem(NamedTuple):
     prior: PosePrior
     points: ControlPoints
     lines: SearchLines
-    spacing_px: Array
     weight: Array
     edges: Indices
 
@@ -62,6 +62,15 @@ class Solution(NamedTuple):
     estimate: Estimate
     measured: EdgeMeasurements
     edges: EdgeOffsets
+
+
+class Searched(NamedTuple):
+    """A fit to the matches of a search: its problem, alignment and solution; patches: rows of those that were used."""
+
+    problem: Problem
+    aligned: Aligned
+    found: Solution
+    patches: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +97,7 @@ class Fit:
 
     support in [0, 1]: weighted inlier ratio of the control points and patches; edge_support: of the control points
     alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any; chance: bounds on
-    the probability that a random pose finds as much.
+    the probability that a random pose finds as much. searched: what it is based on; None without control points.
     """
 
     cam_from_world: Pose
@@ -102,6 +111,7 @@ class Fit:
     found: float = 0.0
     chance: Chance = CERTAIN
     residuals: FitResiduals | None = None
+    searched: Searched | None = None
 
     @property
     def finite(self) -> bool:
@@ -114,6 +124,20 @@ class Fit:
         if self.residuals is None or not len(self.residuals.points.points):
             return None
         return np.asarray(self.cam_from_world.transform(self.residuals.points.points).mean(axis=0))
+
+    def at(self, estimate: Estimate) -> "Fit":
+        """The fit at an estimate from the same control points and patches, with the same support."""
+        assert self.residuals is not None
+        points, weighting = self.residuals.points.points, estimate.weighting
+        middle = points[len(points) // 2] if len(points) else np.full(3, np.nan)
+        return replace(
+            self,
+            cam_from_world=Pose(estimate.R, estimate.t),
+            covariance=inverse6(estimate.step.information),
+            inliers=int(np.count_nonzero(weighting.weight) + np.count_nonzero(weighting.patch_weight)),
+            range_m=float(estimate.R[2] @ middle + estimate.t[2]),
+            residuals=replace(self.residuals, weighting=weighting, sums=estimate.sums, step=estimate.step),
+        )
 
     def log10_false_alarms(self, poses: int) -> float:
         """Decimal logarithm of how many of so many random poses are expected to find as much."""

@@ -1,8 +1,9 @@
-"""Compiled sub-pixel refinement: a blurred step of linear intensity is fitted to the pixels around each control point.
+"""Compiled fit of blurred steps of linear light to the pixels around a control point.
 
-Near an edge the intensity is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. Shifted
-by d it is a + b H(s) - b d H'(s), linear in a, b and b d: a linear least-squares problem, whose residual gives the
-variance of d.
+Near an edge the light is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. Within a few
+pixels lie others: the borders of a reveal, of a flange, of lattice members. All of them are moved by the same error of
+the pose, so that the light is a + sum_k b_k H(s_k - d): least squares in the level a, the heights b_k and the one shift
+d, whose residual gives the variance of d.
 """
 
 import math
@@ -10,27 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.robust.config.edges import SubpixelConfig
+from uavbench.tracker.geometry_kernels import cholesky
 from uavbench.tracker.robust.edges.columns import (
-    MEAN_SQUARE,
     NEGATIVE_COLOUR,
     NORMAL_U,
     NORMAL_V,
-    OUTSIDE,
     POSITIVE_COLOUR,
     TIMES_SEEN,
     U,
     V,
 )
-from uavbench.tracker.robust.edges.measurements import (
-    CONTROL_POINTS,
-    SEARCH_LINES,
-    ControlPoints,
-    SearchLines,
-)
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -45,32 +36,22 @@ CLEARANCE_PX = 3 * BLUR_PX
 """Reach of the blur of a neighbouring edge: three standard deviations."""
 MAX_SHIFT_PX = BLUR_PX
 """Largest shift: the linearized fit is valid within one standard deviation of the blur."""
-MIN_REACH_PX, MAX_REACH_PX = 2, 3
-"""Pixels to either side of the edge on a scan line: fewer do not determine a step and two levels, more add little.
-"""
-ALONG_PX = 2
-"""Scan lines to either side of a control point; points are about 6 px apart, so that these do not overlap."""
-TABLE_PX, STEPS_PER_PX = MAX_REACH_PX + 1, 64
+REACH_PX = 3
+"""Pixels to either side of the edge on a scan line: fewer do not determine a step and two levels, more add little."""
+TABLE_PX, STEPS_PER_PX = REACH_PX + 1, 64
 AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
 STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
 SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_PX)
 """H and H' at AT."""
-SUBPIXEL = kernel_type(SubpixelConfig)
-
-
-class FittedPoints(NamedTuple):
-    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it."""
-
-    residual: Array
-    weight: Array
-    variance_px2: Array
-
-
-class SubpixelEdges(NamedTuple):
-    """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,)."""
-
-    distance: Array
-    variance_px2: Array
+MOST_STEPS = 6
+"""Most steps that are fitted together: limits the time."""
+TOGETHER_PX = 2 * BLUR_PX
+"""Distance across below which the heights of two steps are hardly told apart, and their sum must be a step."""
+HEIGHT_INFORMATION = 1e-4
+"""Prior information on a height: the square of a pixel's noise, 0.01, over that of a height, 1. It decides where two
+edges are one in the image."""
+ITERATIONS = 3
+"""Of Gauss-Newton: the heights, then the shift with them, then both."""
 
 
 class Step(NamedTuple):
@@ -81,53 +62,6 @@ class Step(NamedTuple):
 
 
 NO_STEP = Step(np.inf, np.inf)
-FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
-
-
-@compiled(
-    "u3 lines points f2 f1 fitted subpixel",
-    lines=SEARCH_LINES,
-    points=CONTROL_POINTS,
-    fitted=FITTED_POINTS,
-    subpixel=SUBPIXEL,
-)
-def refine_subpixel(
-    image: Image,
-    at: SearchLines,
-    points: ControlPoints,
-    appearance: Array,
-    spacing: Array,
-    fitted: FittedPoints,
-    config: SubpixelConfig,
-) -> SubpixelEdges:
-    """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
-
-    If no step can be fitted, distance and variance are those of `fitted`, with an infinite distance for a weight of 0.
-    spacing (n,): distance in px to another edge.
-    """
-    lines, side, rows, first = at.lines, at.side, points.rows, points.first
-    residual, weights = fitted.residual, fitted.weight
-    distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
-    distance[:] = np.inf
-    colour = np.empty(3)
-    for g in range(len(first) - 1):
-        start, total = 0.0, 0.0
-        for p in range(first[g], first[g + 1]):
-            if weights[p] > 0.0:
-                start, total = start + weights[p] * residual[p], total + weights[p]
-        start /= max(total, 1e-12)
-        for p in range(first[g], first[g + 1]):
-            if not weights[p] > 0.0:
-                continue
-            distance[p, 0] = residual[p]
-            step = learned_light(appearance[rows[p]], image.shape[2], colour)
-            reach = min(MAX_REACH_PX, int(spacing[p] - CLEARANCE_PX))
-            if side[p] != OUTSIDE and step > 0.0 and reach >= MIN_REACH_PX:
-                found = fit_step(image, lines[p], start, reach, ALONG_PX, colour)
-                if abs(found.distance - start) < MAX_SHIFT_PX:
-                    distance[p, 0] = found.distance
-                    variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
-    return SubpixelEdges(distance, variance)
 
 
 @compiled("f1 i0 f1!", inner=True)
@@ -148,44 +82,117 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f1 f0 i0 i0 f1", inner=True)
-def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array) -> Step:
-    """The intensity step on a search line (4,) around distance `start`; inf without one in the direction `colour`.
+@compiled("u3 f2! f0 i0 i0 f1 f2!", inner=True)
+def sums_of_steps(image: Image, edges: Array, start: float, along: int, beside: int, colour: Array, sums: Array) -> int:
+    """Number of pixels around a control point whose steps and light are summed up.
 
-    Uses the scan lines, rows or columns, that cross the edge more steeply: `along` of them to either side, and `reach`
-    pixels of each to either side of the edge.
+    edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
+    on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
+    over `along` px. sums: its first 2 k + 2 rows and columns get, in the lower half, the sums of the products of H and
+    H' of each step, of the light, and of 1.
     """
     h, w, channels = image.shape
-    nu, nv = line[NORMAL_U], line[NORMAL_V]
-    u, v = line[U] + start * nu, line[V] + start * nv
+    nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
+    u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
     by_rows = abs(nu) >= abs(nv)
     if by_rows:
         x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
     else:
         x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
-    middle = int(y0 + 0.5)
-    n, s01, s02, s11, s12, s22, t0, t1, t2, tt = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for y in range(max(0, middle - along), min(height, middle + along + 1)):
-        x = x0 - (y - y0) * ny / nx
-        low = int(x + 0.5) - reach
-        if low < 0 or low + 2 * reach >= width:
+    steps, n = len(edges), 0
+    size = 2 * steps + 2
+    term = np.empty(size)
+    for i in range(size):
+        for j in range(i + 1):
+            sums[i, j] = 0.0
+    middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
+    for k in range(-(along // every), along // every + 1):
+        y = middle + k * every
+        low = int(x0 - (y - y0) * ny / nx + 0.5) - REACH_PX
+        if y < 0 or y >= height or low < 0 or low + 2 * REACH_PX >= width:
             continue
-        for j in range(low, low + 2 * reach + 1):
-            k = int(((j - x) * nx + TABLE_PX) * STEPS_PER_PX + 0.5)
-            g, d, f = STEP[k], SLOPE[k], 0.0
+        for x in range(low, low + 2 * REACH_PX + 1):
+            column, row = (x, y) if by_rows else (y, x)
+            for i in range(steps):
+                away = (column - edges[i, U]) * edges[i, NORMAL_U] + (row - edges[i, V]) * edges[i, NORMAL_V] - start
+                at = int((min(max(away, -TABLE_PX), TABLE_PX) + TABLE_PX) * STEPS_PER_PX + 0.5)
+                term[2 * i], term[2 * i + 1] = STEP[at], SLOPE[at]
+            light = 0.0
             for c in range(channels):
-                f += colour[c] * LIGHT[image[y, j, c] if by_rows else image[j, y, c]]
-            s01, s02 = s01 + g, s02 + d
-            s11, s12, s22 = s11 + g * g, s12 + g * d, s22 + d * d
-            t0, t1, t2, tt = t0 + f, t1 + f * g, t2 + f * d, tt + f * f
+                light += colour[c] * LIGHT[image[row, column, c]]
+            term[size - 2], term[size - 1] = light, 1.0
+            for i in range(size):
+                for j in range(i + 1):
+                    sums[i, j] += term[i] * term[j]
             n += 1
-    if n < 3 * (2 * reach + 1):
+    return n
+
+
+@compiled("f2! f1!", inner=True)
+def solve(A: Array, x: Array) -> bool:
+    """Solve A y = x in place: x becomes y, A its Cholesky factor; False where it is not positive."""
+    if not cholesky(A, A):
+        return False
+    n = len(x)
+    for i in range(n):
+        for k in range(i):
+            x[i] -= A[i, k] * x[k]
+        x[i] /= A[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= A[k, i] * x[k]
+        x[i] /= A[i, i]
+    return True
+
+
+@compiled("u3 f2! f0 i0 i0 f1 f2!", inner=True)
+def fit_step(image: Image, edges: Array, start: float, along: int, beside: int, colour: Array, sums: Array) -> Step:
+    """The step of a control point's edge around distance `start`, fitted together with those beside it.
+
+    Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels.
+    """
+    steps, n = len(edges), sums_of_steps(image, edges, start, along, beside, colour, sums)
+    if n < 3 * (2 * REACH_PX + 1):
         return NO_STEP
-    a11, a12, a22 = s11 - s01 * s01 / n, s12 - s01 * s02 / n, s22 - s02 * s02 / n
-    b1, b2 = t1 - s01 * t0 / n, t2 - s02 * t0 / n
-    det = a11 * a22 - a12 * a12
-    step, slope = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
-    if not step > LEAST_STEP:
+    last = 2 * steps + 1
+    for i in range(last):  # the level is eliminated
+        for j in range(i + 1):
+            sums[i, j] -= sums[last, i] * sums[last, j] / n
+            sums[j, i] = sums[i, j]
+    light = 2 * steps
+    A, x, height = np.empty((steps + 1, steps + 1)), np.empty(steps + 1), np.zeros(steps)
+    shift, information, explained = 0.0, 0.0, 0.0
+    for iteration in range(ITERATIONS):
+        A[steps, steps] = x[steps] = 0.0
+        for i in range(steps):
+            at, slope = 2 * i, 2 * i + 1
+            x[i] = sums[at, light] - shift * sums[slope, light]
+            x[steps] -= height[i] * sums[slope, light]
+            A[steps, i] = 0.0
+            for j in range(steps):
+                cross = sums[at, 2 * j + 1] - shift * sums[slope, 2 * j + 1]
+                A[steps, i] -= height[j] * cross
+                A[steps, steps] += height[i] * height[j] * sums[slope, 2 * j + 1]
+                A[i, j] = sums[at, 2 * j] - shift * sums[slope, 2 * j] - shift * cross
+            A[i, i] += HEIGHT_INFORMATION
+        if iteration == 0:
+            A[steps, steps] = 1.0  # without heights the light says nothing of the shift, which stays 0
+        explained, right = 0.0, x.copy()
+        if not solve(A, x):
+            return NO_STEP
+        for i in range(steps + 1):
+            explained += right[i] * x[i]
+        for i in range(steps):
+            height[i] = x[i]
+        shift, information = shift + x[steps], A[steps, steps] ** 2
+        if not abs(shift) < 2 * MAX_SHIFT_PX:  # it diverges
+            return NO_STEP
+    whole = height[0]
+    for i in range(1, steps):
+        across = (edges[i, U] - edges[0, U]) * edges[0, NORMAL_U] + (edges[i, V] - edges[0, V]) * edges[0, NORMAL_V]
+        if abs(across) < TOGETHER_PX:
+            whole += height[i]
+    if not whole > LEAST_STEP:
         return NO_STEP
-    noise = max(0.0, tt - t0 * t0 / n - step * b1 - slope * b2) / (n - 3)
-    return Step(start - slope / step, noise * a11 / det / (step * step))
+    noise = max(0.0, sums[light, light] - explained) / (n - steps - 2)
+    return Step(start + shift, noise / information)

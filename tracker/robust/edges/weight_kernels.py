@@ -69,24 +69,35 @@ def edge_spacing(at: SearchLines, keys: Indices, separate_px: float) -> Array:
     return gap
 
 
-@compiled("f1 i1 f2 f0 f0 weights", weights=WEIGHTS)
-def point_weights(
-    spacing: Array, rows: Indices, appearance: Array, separate_px: float, weak_step: float, config: WeightConfig
-) -> Array:
-    """Weight (n,) of each control point: less where edges are close, contrast is low or appearance is not learned yet.
+@compiled("i1 f2 f0 weights", weights=WEIGHTS)
+def contrast_weights(rows: Indices, appearance: Array, weak_step: float, config: WeightConfig) -> Array:
+    """Weight (n,) of each control point: less where contrast is low or appearance is not learned yet.
 
-    spacing (n,) is the distance in px to another edge, of `edge_spacing`, at most separate_px; weak_step is in grey
-    levels.
+    weak_step is in grey levels.
     """
-    out = spacing.copy()
+    out = np.empty(len(rows))
     for p in range(len(out)):
         r = rows[p]
-        apart = min(1.0, max(LEAST_WEIGHT, out[p] / separate_px))
         step = 0.0
         for c in range(3):
             step += (appearance[r, POSITIVE_COLOUR + c] - appearance[r, NEGATIVE_COLOUR + c]) ** 2
         known = step / (step + weak_step * weak_step)
-        out[p] = apart * (known if appearance[r, TIMES_SEEN] > 0.0 else config.unknown_weight)
+        out[p] = known if appearance[r, TIMES_SEEN] > 0.0 else config.unknown_weight
+    return out
+
+
+@compiled("f1 i1 f2 f0 f0 weights", weights=WEIGHTS)
+def point_weights(
+    spacing: Array, rows: Indices, appearance: Array, separate_px: float, weak_step: float, config: WeightConfig
+) -> Array:
+    """Weight (n,) of each control point: that of its contrast, and less where edges are close.
+
+    spacing (n,) is the distance in px to another edge, of `edge_spacing`, at most separate_px; weak_step is in grey
+    levels.
+    """
+    out = contrast_weights(rows, appearance, weak_step, config)
+    for p in range(len(out)):
+        out[p] *= min(1.0, max(LEAST_WEIGHT, spacing[p] / separate_px))
     return out
 
 

@@ -136,7 +136,11 @@ class Relocator:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
-        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
+        return Relocalized(self.located(ranking.top, sought), ranking.advantage, self.near_done, all_done, leads)
+
+    def located(self, fit: Fit, sought: Sought) -> Fit:
+        """The fit, with its edges located between the pixels if it is one of the search."""
+        return fit if fit is sought.first else self.fitter.located(fit, StageClock())
 
     def confirm(self, sought: Sought) -> Relocalized:
         """Compare the given fit with its rivals, the poses at which the structure looks alike."""
@@ -144,7 +148,7 @@ class Relocator:
         ranking = Ranking(sought, self.config)
         self.rivals.fit(sought, ranking, self.tried)
         leads = self.rivals.trail(ranking, self.tried) and self.turned.agree(sought, ranking, self.tried)
-        found = Relocalized(ranking.top, ranking.advantage, True, True, leads)
+        found = Relocalized(self.located(ranking.top, sought), ranking.advantage, True, True, leads)
         self.forget()
         return found
 
@@ -155,10 +159,10 @@ class Relocator:
         """
         clock = StageClock()
         for attempt in attempts:
-            if self.fitter.work.left < (1 + self.rivals.reserved_fits) * self.fitter.largest_fit:
+            if not self.fitter.has_room_for(1 + self.rivals.reserved_fits):
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
-            fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
+            fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
             ranking.add(fit)
             self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), believed_support(fit))
             if believed_support(ranking.top) >= sought.sure:
@@ -193,7 +197,7 @@ class Relocator:
 
     def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
         """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits."""
-        work, reserve = self.fitter.work, 2 * self.fitter.largest_fit
+        work, reserve = self.fitter.work, self.fitter.cost(2)
         until = work.done + min(work.left // 2, work.left - reserve)
 
         def taken(scored: Scored) -> list[Candidate]:

@@ -42,15 +42,15 @@ class Rivals:
         while rivals := self.of(ranking, tried):
             top = ranking.top
             for pose in rivals:
-                if self.fitter.work.left < self.fitter.largest_fit:
+                if not self.fitter.has_room_for(1):
                     break
                 covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
-                fit = self.fitter.fit(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
+                fit = self.fitter.searched(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
                 tried.add(pose, 0.0, motion(fit.cam_from_world), believed_support(fit))
                 tried.rivals = tried.rivals.added(pose)
                 fits += [fit] if fit.finite else []
             self.choose(fits, ranking)
-            if ranking.top is top or self.fitter.work.left < self.fitter.largest_fit:
+            if ranking.top is top or not self.fitter.has_room_for(1):
                 break
         self.reserved_fits = len(fits) - 1
         return len(fits) > 1

@@ -37,7 +37,7 @@ class TurnedPoses:
         while best is None or not self.ends_at(best, ranking.top, sought.range_m):
             best = ranking.top
             for pose in self.beside(best):
-                if self.fitter.work.left < self.fitter.largest_fit:
+                if not self.fitter.has_room_for(1):
                     break
                 fits.append(self.fit(pose, sought))
                 ranking.add(fits[-1])

@@ -20,6 +20,8 @@ from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
+EFFICIENT = 4.685
+"""Cutoff of the biweight in standard deviations, of 95 % efficiency for normal errors (Holland & Welsch 1977)."""
 ESTIMATOR = kernel_type(EstimatorConfig)
 
 Indices = NDArray[np.int64]
@@ -89,15 +91,27 @@ def mirror(A: Array) -> None:
 
 
 @compiled(
-    "measured view f0 weighting sums",
+    "measured biases view f0 weighting sums",
     inner=True,
     measured=EDGE_MEASUREMENTS,
+    biases=LOCAL_BIASES,
     view=VIEW,
     weighting=WEIGHTING,
     sums=FRAME_SUMS,
 )
-def add_points(measured: EdgeMeasurements, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
-    """Weigh the control points at the view's pose by the biweight of cutoff width_px, and sum them up, in place."""
+def add_points(
+    measured: EdgeMeasurements,
+    biases: LocalBiases,
+    view: View,
+    width_px: float,
+    weighting: Weighting,
+    sums: FrameSums,
+) -> None:
+    """Weigh the control points at the view's pose by the biweight, and sum them up, in place.
+
+    Its cutoff is width_px; for points located by a single candidate it is EFFICIENT standard deviations of their
+    distance from the offset that their edge is known to have, if that is less.
+    """
     points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
     distance = measured.candidates.distance
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
@@ -109,7 +123,9 @@ def add_points(measured: EdgeMeasurements, view: View, width_px: float, weightin
     for column in (S, d, e):
         column[:] = 0.0
     row, c = np.empty(6), np.empty(3)
+    located = distance.shape[1] == 1
     for g in range(len(first) - 1):
+        expected = biases.offset_vector[g] / biases.offset_information[g] if located else 0.0
         for p in range(first[g], first[g + 1]):
             weights[p], residual[p] = 0.0, np.inf
             if weight[p] <= 0.0:
@@ -122,9 +138,12 @@ def add_points(measured: EdgeMeasurements, view: View, width_px: float, weightin
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
             moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
             best, r_best = np.inf, np.inf
+            square_px2 = width_px * width_px
+            if located:
+                square_px2 = min(square_px2, EFFICIENT**2 * (variance_px2[p] + 1.0 / biases.offset_information[g]))
             for candidate in range(distance.shape[1]):
                 r = distance[p, candidate] - moved
-                cost = r * r / (width_px * width_px)
+                cost = (r - expected) ** 2 / square_px2
                 if cost < best:
                     best, r_best = cost, r
             residual[p] = r_best
@@ -267,7 +286,7 @@ def refine(
     )
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
-        add_points(measured, now, width_px, weighting, sums)
+        add_points(measured, biases, now, width_px, weighting, sums)
         add_patches(matches, now, width_px, weighting, sums)
         if not solve_step(sums, biases, prior, now, step, config):
             break

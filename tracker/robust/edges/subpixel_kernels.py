@@ -1,0 +1,162 @@
+"""Compiled sub-pixel refinement of the control points, each with the edges that crowd about it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.robust.config.edges import SubpixelConfig
+from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, NORMAL_U, NORMAL_V, OUTSIDE, U, V
+from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LINES, ControlPoints, SearchLines
+from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.tracker.robust.edges.step_kernels import (
+    CLEARANCE_PX,
+    MAX_SHIFT_PX,
+    MOST_STEPS,
+    REACH_PX,
+    fit_step,
+    learned_light,
+)
+from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE
+from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+Indices = NDArray[np.int64]
+LEAST_ALONG_PX, MOST_ALONG_PX = 2, 12
+"""Pixels of an edge to either side of a control point that belong to it: those of points 6 px apart do not overlap;
+farther away a curved or occluded edge is another one."""
+SAME_PX = 0.3
+"""Distance across below which two edges are one step."""
+COARSE_LINES, FINE_LINES = 1, 4
+"""Scan lines to either side of a control point, of a first fit and of one at its step: each is linear in the shift."""
+BENT_PX = 8.0
+"""Most that the lens bends an edge: those farther from the line of their first point are not looked at."""
+SUBPIXEL = kernel_type(SubpixelConfig)
+
+
+class FittedPoints(NamedTuple):
+    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it."""
+
+    residual: Array
+    weight: Array
+    variance_px2: Array
+
+
+class SubpixelEdges(NamedTuple):
+    """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,).
+
+    refined (n,): whether a step was fitted.
+    """
+
+    distance: Array
+    variance_px2: Array
+    refined: NDArray[np.bool_]
+
+
+FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
+
+
+@compiled(
+    "u3 lines points f2 fitted subpixel",
+    lines=SEARCH_LINES,
+    points=CONTROL_POINTS,
+    fitted=FITTED_POINTS,
+    subpixel=SUBPIXEL,
+)
+def refine_subpixel(
+    image: Image,
+    at: SearchLines,
+    points: ControlPoints,
+    appearance: Array,
+    fitted: FittedPoints,
+    config: SubpixelConfig,
+) -> SubpixelEdges:
+    """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
+
+    If no step can be fitted, distance and variance are those of `fitted`, with an infinite distance for a weight of 0.
+    """
+    lines, side, rows, first = at.lines, at.side, points.rows, points.first
+    residual, weights = fitted.residual, fitted.weight
+    distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
+    refined = np.zeros(len(lines), np.bool_)
+    distance[:] = np.inf
+    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), np.empty((2 * MOST_STEPS + 2, 2 * MOST_STEPS + 2))
+    for g in range(len(first) - 1):
+        start, total = 0.0, 0.0
+        for p in range(first[g], first[g + 1]):
+            if weights[p] > 0.0:
+                start, total = start + weights[p] * residual[p], total + weights[p]
+        start /= max(total, 1e-12)
+        along = min(MOST_ALONG_PX, max(LEAST_ALONG_PX, int(half_spacing(lines, first, g)) - 1))
+        for p in range(first[g], first[g + 1]):
+            if not weights[p] > 0.0:
+                continue
+            distance[p, 0] = residual[p]
+            if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], colour) > 0.0:
+                continue
+            steps = crowd(at, first, g, p, edges)
+            if steps == 0:
+                continue
+            near = fit_step(image, edges[:steps], start, LEAST_ALONG_PX, COARSE_LINES, colour, sums)
+            if not abs(near.distance - start) < MAX_SHIFT_PX:
+                continue
+            found = fit_step(image, edges[:steps], near.distance, along, FINE_LINES, colour, sums)
+            if abs(found.distance - start) < MAX_SHIFT_PX:
+                distance[p, 0], refined[p] = found.distance, True
+                variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
+    return SubpixelEdges(distance, variance, refined)
+
+
+@compiled("f2 i1 i0", inner=True)
+def half_spacing(lines: Array, first: Indices, g: int) -> float:
+    """Half the distance in px between the control points of an edge, 0 of a single one."""
+    p = first[g]
+    if first[g + 1] - p < 2:
+        return 0.0
+    return 0.5 * math.hypot(lines[p + 1, U] - lines[p, U], lines[p + 1, V] - lines[p, V])
+
+
+@compiled("lines i1 i0 i0 f2!", inner=True, lines=SEARCH_LINES)
+def crowd(at: SearchLines, first: Indices, group: int, p: int, edges: Array) -> int:
+    """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
+
+    Their lines, pixel and normal on the side of the point's own, are written into edges (., 4). An edge is represented
+    by its control point nearest to p, and ends half a spacing from its last one.
+    """
+    lines, side, count = at.lines, at.side, 1
+    u, v, nu, nv = lines[p, U], lines[p, V], lines[p, NORMAL_U], lines[p, NORMAL_V]
+    edges[0, U], edges[0, V], edges[0, NORMAL_U], edges[0, NORMAL_V] = u, v, nu, nv
+    for g in range(len(first) - 1):
+        q = first[g]
+        across = (lines[q, U] - u) * lines[q, NORMAL_U] + (lines[q, V] - v) * lines[q, NORMAL_V]
+        if g == group or abs(across) > BENT_PX + REACH_PX + CLEARANCE_PX:
+            continue
+        nearest, least = -1, np.inf
+        for q in range(first[g], first[g + 1]):
+            du, dv = lines[q, U] - u, lines[q, V] - v
+            if side[q] != OUTSIDE and du * du + dv * dv < least:
+                nearest, least = q, du * du + dv * dv
+        if nearest < 0:
+            continue
+        mu, mv = lines[nearest, NORMAL_U], lines[nearest, NORMAL_V]
+        cosine = nu * mu + nv * mv
+        du, dv = lines[nearest, U] - u, lines[nearest, V] - v
+        if abs(cosine) < PARALLEL_COSINE or abs(du * mu + dv * mv) > REACH_PX + CLEARANCE_PX:
+            continue
+        if abs(dv * mu - du * mv) > max(LEAST_ALONG_PX, half_spacing(lines, first, g)) + 1.0:
+            continue
+        seen = False
+        for k in range(count):
+            seen |= abs((lines[nearest, U] - edges[k, U]) * mu + (lines[nearest, V] - edges[k, V]) * mv) < SAME_PX
+        if seen:
+            continue
+        if count == MOST_STEPS:
+            return 0
+        sign = 1.0 if cosine > 0.0 else -1.0
+        edges[count, U], edges[count, V] = lines[nearest, U], lines[nearest, V]
+        edges[count, NORMAL_U], edges[count, NORMAL_V] = sign * mu, sign * mv
+        count += 1
+    return count
