@@ -49,6 +49,22 @@ def test_a_view_of_one_face_leaves_open_which_way_it_is_turned(seed):
     assert not Compared((0.4, 0.05, 0.4), FROM_THE_FRONT_M, seed).agree
 
 
+@pytest.mark.parametrize(("thorough", "fewest", "most"), [(False, 1, 10), (True, 12, 100)])
+def test_a_thorough_search_goes_on_after_a_sure_fit(thorough, fewest, most):
+    """With frames far apart a neighbour may have the support of the right pose, which then has to be tried, too."""
+    compared = Compared((0.4, 0.3, 0.3), FROM_ABOVE_M, seed=0, step_s=0.2)
+    first = compared.ranking.top
+    image = first.searched.problem.image
+    wide = isotropic_covariance(0.05, RANGE_M)
+    compared.fitter.begin(1, 0.2, sharp=True)
+    compared.relocator.forget()
+    sought = Sought(image, [first.cam_from_world], wide, RANGE_M, first, 0.5, thorough=thorough)
+    found = compared.relocator.search(sought)
+    assert fewest <= len(compared.relocator.tried) <= most
+    assert compared.relocator.turned.ends_at(found.fit, first, RANGE_M)
+    assert compared.fitter.work.left >= 0
+
+
 def test_without_work_left_nothing_is_fitted():
     compared = Compared((0.4, 0.3, 0.3), FROM_ABOVE_M, seed=0)
     compared.fitter.work.done = compared.fitter.work.allowed

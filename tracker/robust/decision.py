@@ -138,7 +138,9 @@ class Decider:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
         scale = self.state.prediction_errors.scale
-        found = self.relocator.search(Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale))
+        found = self.relocator.search(
+            Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow)
+        )
         searched = not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
         enough = self.state.holds(found.fit, frame.predicted, searched)
         # After a long frame interval another pose that looks alike may have the usual support.

@@ -23,8 +23,8 @@ class Sought(NamedTuple):
     """Input of a slice of the search.
 
     guesses: poses around which to search, the most likely first, with its covariance (6, 6); first: a fit that was
-    already made; sure: support at which a slice ends; prediction_scale: squared errors of this run's predictions
-    relative to their covariances.
+    already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
+    prediction_scale: squared errors of this run's predictions relative to their covariances.
     """
 
     image: Image
@@ -34,6 +34,7 @@ class Sought(NamedTuple):
     first: Fit | None = None
     sure: float = np.inf
     prediction_scale: float = 1.0
+    thorough: bool = False
 
 
 class Ranking:

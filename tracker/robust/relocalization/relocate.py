@@ -165,7 +165,7 @@ class Relocator:
             fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
             ranking.add(fit)
             self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), believed_support(fit))
-            if believed_support(ranking.top) >= sought.sure:
+            if believed_support(ranking.top) >= sought.sure and not sought.thorough:
                 return True
         return False
 
