@@ -329,12 +329,13 @@ for line in sys.stdin.buffer:
     if frames == 4 and bad == "nan":
         print(f"{stamp},ok,nan,0,0,1,0,0,0", flush=True)
         continue
-    answer = f"{stamp},ok,0,0,1,1,0,0,0"
-    print(answer, flush=True)
+    answer = f"{stamp},ok,0,0,1,1,0,0,0\\n"
     if frames == 4 and bad == "twice" or frames >= 4 and bad == "repeats":
-        print(answer, flush=True)
+        answer += answer
     if frames == 4 and bad == "chatters":
-        print("still here", flush=True)
+        answer += "still here\\n"
+    sys.stdout.write(answer)  # at once: what comes later may be heard before the next frame, or after it
+    sys.stdout.flush()
 """
 
 
