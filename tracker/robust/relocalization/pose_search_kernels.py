@@ -18,7 +18,7 @@ MIN_POINTS = 12
 """Least number of points in view for a search: two for each unknown of a pose."""
 PATTERN_LEVELS, PATTERN_SWEEPS = 3, 2
 """Number of step halvings of a pattern search, and most sweeps with each step."""
-PROJECTION_EVALUATIONS = 16
+PROJECTION_EVALUATIONS = 10
 """Cost of projecting an edge point, in evaluations (see `BudgetConfig`). Measured on the same core."""
 REFINED_PX = np.array([2, 1])
 """Steps of the refinement around the best shift, px of the small image."""
@@ -29,6 +29,8 @@ OUTSIDE_SCORE = 0.3
 
 Measured on 15 short flights with track losses and wrong initial poses: half and twice this value give equal poses.
 """
+TANGENTS = np.tan(np.arange(1, ORIENTATIONS // 2) * math.pi / ORIENTATIONS)
+"""Of the angles between the direction bins of the first quarter of a turn."""
 FARTHEST_PX = 1e4
 """Largest pixel coordinate; points beyond are dropped: no shift brings them in, and coordinates must fit integers."""
 
@@ -127,6 +129,19 @@ def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
     return focus
 
 
+@compiled("f0 f0", inner=True)
+def orientation(x: float, y: float) -> int:
+    """Bin of the direction of a line along (x, y), of ORIENTATIONS over half a turn from the x axis on."""
+    if y < 0.0 or (y == 0.0 and x < 0.0):
+        x, y = -x, -y
+    quarter = 0
+    if x <= 0.0:
+        x, y, quarter = y, -x, ORIENTATIONS // 2
+    for tangent in TANGENTS:
+        quarter += int(y >= tangent * x)
+    return quarter
+
+
 @compiled("seen f2 f1 camera", inner=True, seen=SEEN_EDGES, camera=SMALL_CAMERA)
 def image_points(seen: SeenEdges, R: Array, t: Array, camera: SmallCamera) -> ImagePoints:
     """Edge points in front of the camera, in the small image or its margin."""
@@ -146,11 +161,10 @@ def image_points(seen: SeenEdges, R: Array, t: Array, camera: SmallCamera) -> Im
         if z <= camera.near:
             continue
         a, b = x / z, y / z
-        turn = math.atan2(f[0] * (dx - a * dz), -f[1] * (dy - b * dz)) / math.pi * ORIENTATIONS  # of the normal
         u, v = f[0] * a + f[2], f[1] * b + f[3]
         if abs(u) > FARTHEST_PX or abs(v) > FARTHEST_PX:
             continue
-        places[n, 0] = math.floor(turn) % ORIENTATIONS
+        places[n, 0] = orientation(-f[1] * (dy - b * dz), f[0] * (dx - a * dz))  # of the normal
         places[n, 1], places[n, 2] = math.floor(v + 0.5), math.floor(u + 0.5)
         n += 1
     return ImagePoints(places, n)
