@@ -7,6 +7,7 @@ from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, look
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.robust.work import PER_EDGE, PER_POINT, fit_evaluations
 from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
@@ -65,7 +66,7 @@ def test_the_first_frame_from_a_wrong_pose_obeys_the_budget_too(flight):
 def test_with_little_work_a_frame_it_takes_more_frames_and_guesses_meanwhile():
     """Less than half of the default: the distances to the edge pixels, the fit of tracking, and few fits more."""
     poses, images = flown(20, seed=26)
-    config = RobustConfig(budget=BudgetConfig(evaluations=2_200_000))
+    config = RobustConfig(budget=BudgetConfig(evaluations=3_000_000))
     results, evaluations = tracked(started(AWAY @ AWAY @ poses[0], config), images)
     assert evaluations.max() <= config.budget.evaluations
     assert results[0].status == "lost"
@@ -110,3 +111,16 @@ def test_between_two_equal_boxes_chance_explains_what_is_found_and_no_frame_is_o
 def test_a_frame_long_after_the_one_before_may_take_longer_but_never_without_end():
     budget = BudgetConfig(evaluations=5)
     assert [budget.allowed(step_s) for step_s in (0.0, 0.1, 0.2, 0.5, 1.0, 3600.0)] == [5, 5, 10, 25, 50, 50]
+
+
+def test_a_fit_costs_its_edges_points_and_patches(flight):
+    """A search whose fits have patches gets fewer of them: none of their cost is left out."""
+    poses, images = flight
+    run = started(poses[0])
+    run.track(images[0], 0)
+    fitter = run.fitter
+    bare, whole = fit_evaluations(0, 0, 0), fitter.cost(1)
+    assert len(fitter.texture) > 0
+    assert whole > bare + PER_EDGE * len(fitter.edges.ends) + PER_POINT * fitter.most_points
+    fitter.texture.count = 0
+    assert fitter.cost(1) < whole

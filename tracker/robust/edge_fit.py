@@ -43,7 +43,7 @@ from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, ED
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine
 from uavbench.tracker.robust.view import View
-from uavbench.tracker.robust.work import Work
+from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
 
@@ -52,9 +52,6 @@ MIN_POINTS = 6
 """Least number of control points or patches for a fit."""
 MOST_POINTS = 200
 """Approximate largest number of visible control points, beyond which long edges get fewer: limits their time."""
-FIT_EVALUATIONS, LOCATED_EVALUATIONS = 1_300, 1_100
-"""Cost of fitting a control point, and of locating it between the pixels, in evaluations (see `BudgetConfig`): 2.6 and
-2.2 us on the same core."""
 TAKE_EVERY = 4
 """Frames between searches for new patches while enough are found: limits their time."""
 
@@ -82,7 +79,8 @@ class EdgeFitter:
 
     def cost(self, fits: int) -> int:
         """Evaluations of so many fits of a search and of the one that locates the edges of the best, a quarter more."""
-        return self.most_points * 5 // 4 * (fits * FIT_EVALUATIONS + LOCATED_EVALUATIONS)
+        points, patches = self.most_points * 5 // 4, min(len(self.texture), MOST_USED)
+        return fits * fit_evaluations(len(self.edges.ends), points, patches) + points * LOCATED_POINT
 
     def has_room_for(self, fits: int) -> bool:
         """Whether the frame's budget is enough for so many fits of a search and for locating the edges of the best."""
@@ -104,7 +102,7 @@ class EdgeFitter:
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
-        self.work.done += n * FIT_EVALUATIONS
+        self.work.done += fit_evaluations(len(self.edges.ends), n, len(self.texture.chosen))
         self.most_points = max(self.most_points, n)
         if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
@@ -117,7 +115,7 @@ class EdgeFitter:
         """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
         if fit.searched is None or not self.sharp:
             return fit
-        self.work.done += fit.control_points * LOCATED_EVALUATIONS
+        self.work.done += fit.control_points * LOCATED_POINT
         with clock.stage("subpixel"):
             best = self.refine_subpixel(fit.searched)
         with clock.stage("support"):

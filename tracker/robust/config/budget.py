@@ -18,8 +18,8 @@ class BudgetConfig:
     and are always made; relocalization uses the rest.
     """
 
-    evaluations: Count = 5_000_000
-    """Evaluations allowed per frame: 10 ms at 2 ns each, and in proportion more for frame intervals above 0.1 s.
+    evaluations: Count = 7_000_000
+    """Evaluations allowed per frame: 14 ms at 2 ns each, and in proportion more for frame intervals above 0.1 s.
     Measured against tracked frames, half of which take 0.5 ms (box) on one quiet core of an AMD EPYC (Zen 4); and on
     bridges at 2 Hz, where with 10 ms 11 of 59 frames are found, with 50 ms about 50."""
 

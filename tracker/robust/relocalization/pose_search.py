@@ -35,6 +35,7 @@ from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     turned_about,
 )
 from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.work import sampling_evaluations
 from uavbench.trajectories.pose import Array
 
 SMALL_WIDTH = 160
@@ -49,8 +50,6 @@ EDGE_SIGMAS = 4.0
 """Least gradient of an edge pixel over two px, in standard deviations of the largest accepted noise."""
 CANDIDATES = 8
 """Poses kept per viewing direction, and poses refined in total: limits their time."""
-SAMPLING_EVALUATIONS = 300 * EDGE_POINTS
-"""Cost of finding the visible edge points, in evaluations (see `BudgetConfig`). Measured on the same core."""
 GOLDEN = 0.6180339887498949
 """Golden-ratio constant, whose multiples modulo 1 are evenly distributed for any number of them."""
 Indices = NDArray[np.int64]
@@ -118,6 +117,7 @@ class PoseSearch:
 
     def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: RobustConfig) -> None:
         self.config, self.edges, self.sigma_cost = config.relocalization.search, edges, config.relocalization.sigma_cost
+        self.sampling = sampling_evaluations(len(edges.ends))
         self.least_gradient = EDGE_SIGMAS * config.preprocessing.max_noise_grey
         self.scale = max(1.0, camera.width / SMALL_WIDTH)
         self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
@@ -174,19 +174,19 @@ class PoseSearch:
         """The same from another viewing direction, around the centre of the edges visible for a candidate."""
         guess = self.turned(candidate, block)
         found = self.best_there(target, guess, self.seen(guess), block, most)
-        return found._replace(evaluations=found.evaluations + SAMPLING_EVALUATIONS)
+        return found._replace(evaluations=found.evaluations + self.sampling)
 
     def best_there(self, target: Target, pose: RigidMotion, seen: SeenEdges, block: Block, most: int) -> Scored:
         """The best poses of a block, displaced along the line of sight of a pose at which these edges are visible."""
         if len(seen.points) < MIN_POINTS:
-            return Scored([], SAMPLING_EVALUATIONS, len(block.changes))
+            return Scored([], self.sampling, len(block.changes))
         sight = pose.R @ seen.focus + pose.t
         changes = np.zeros((len(block.changes), 6))
         changes[:, :3] = block.changes[:, :1] * (sight / np.linalg.norm(sight))
         changes[:, 3] = block.changes[:, 1]
         count = min(len(changes), max(0, most) // self.most_evaluations(len(seen.points), len(block.shifts)))
         found = self.scored(target, pose, seen, changes[:count], block.shifts)
-        return found._replace(evaluations=found.evaluations + SAMPLING_EVALUATIONS)
+        return found._replace(evaluations=found.evaluations + self.sampling)
 
     def again(self, target: Target, candidate: Candidate) -> Scored:
         """A candidate scored in another image, shifted by no more than a step."""
@@ -204,7 +204,7 @@ class PoseSearch:
     def most_of(self, block: Block) -> int:
         """Most evaluations of a block."""
         one = self.most_evaluations(2 * EDGE_POINTS, len(block.shifts))
-        return len(block.changes) * one + 2 * SAMPLING_EVALUATIONS
+        return len(block.changes) * one + 2 * self.sampling
 
     def refined(self, target: Target, candidate: Candidate) -> Scored:
         """A candidate refined to the nearest local maximum of its score."""

@@ -30,6 +30,7 @@ from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, beli
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import NONE, TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
+from uavbench.tracker.robust.work import DISTANCES
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
@@ -46,9 +47,6 @@ MOST_FITS = 64
 """Number of fits after which a complete search ends."""
 PERTURBATIONS = 24
 """Number of poses sampled around the best fit of a search."""
-DISTANCE_EVALUATIONS = 450_000
-"""Cost of the distance transforms of an image, in evaluations (see `BudgetConfig`): 0.9 ms on the same core.
-"""
 BESIDE_TIMES = 2
 """Steps in which the viewing direction of the best pose is improved: the extent of a slow or lost frame's guess."""
 
@@ -125,7 +123,7 @@ class Relocator:
         ranking, exhausted = Ranking(sought, config), False
         if not self.fit_in_turn(self.at_guesses(guesses, ranking), sought, ranking):
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
-            work.done += DISTANCE_EVALUATIONS
+            work.done += DISTANCES
             candidates = self.score(target, guesses, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried) and ranking.top.support >= sought.sure

@@ -8,7 +8,7 @@ from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
-from uavbench.tracker.robust.relocalization.pose_search import SAMPLING_EVALUATIONS, PoseSearch
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
@@ -71,7 +71,7 @@ class Rivals:
         seen = self.searcher.seen(pose)
         tried.seen = seen.points
         shares = self.similarity.shares(seen.points[:SHARED], seen.direction[:SHARED])
-        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + SAMPLING_EVALUATIONS
+        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling
         places = [
             RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
         ]
