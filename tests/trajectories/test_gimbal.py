@@ -10,7 +10,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.gimbal.axes import GimbalAxis, PitchAxis, RollAxis, YawAxis, turned
-from uavbench.trajectories.gimbal.encoder import Encoder
+from uavbench.trajectories.gimbal.encoder import Encoder, EncoderReader
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.servo import Servo
 from uavbench.trajectories.pose import Pose, quaternion_from_rotation, rotation_exp
@@ -291,6 +291,53 @@ def test_the_measured_angles_give_the_camera_as_the_joints_that_exist_do():
     expected = gimbal.cam_from_body(0.0, 0.1, -0.3).matrix
     assert gimbal.cam_from_body_at(np.array([0.1, -0.3])).matrix.tolist() == expected.tolist()
     assert Pose.from_matrix(expected).inverse().translation == pytest.approx((0.1, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("axes", ["yaw-roll-pitch", "roll-pitch", "pitch"])
+def test_the_twists_of_the_joints_are_the_derivative_of_the_pose_by_their_angles(axes):
+    gimbal = Gimbal(axes=axes, yaw_deg=30.0, offset_m=(0.1, -0.05, 0.02))
+    angles = np.array([0.7, -0.2, -0.5])[-len(gimbal.joints) :]
+    for k, step in enumerate(1e-6 * np.eye(len(angles))):
+        ahead, behind = gimbal.cam_from_body_at(angles + step), gimbal.cam_from_body_at(angles - step)
+        difference = (ahead @ behind.inverse()).log() / 2e-6
+        np.testing.assert_allclose(gimbal.twists_at(angles)[:, k], difference, atol=1e-8)
+
+
+class Growing:
+    """A flight of which a number of rows is flown so far."""
+
+    def __init__(self, whole):
+        self.whole, self.flown, self.stamps_ns = whole, 1, whole.stamps_ns
+
+    def __len__(self):
+        return self.flown
+
+    def pose(self, row):
+        assert row < self.flown, "a row that is not flown yet"
+        return self.whole.pose(row)
+
+
+def test_along_a_flight_in_progress_joints_and_readings_are_those_of_the_whole_one():
+    whole = flight(about(1, 0.3 * np.sin(np.linspace(0, 8, 400))))
+    gimbal = Gimbal(encoder=Encoder(rate_hz=130.0))
+    expected = gimbal.encoder.measure(gimbal.joints, gimbal.along(whole, TARGET_M), whole, stream(0, "gimbal"))
+    growing = Growing(whole)
+    motion, reader = gimbal.along(growing, TARGET_M), EncoderReader(gimbal.encoder, 1000, stream(0, "gimbal"))
+    true, read = [], []
+    for stamp in expected.stamps_ns.tolist():
+        while whole.stamps_ns[growing.flown - 1] < stamp:
+            growing.flown += 1
+        true.append(motion.angles(np.array([stamp]))[0])
+        read.append(reader.read(true[-1][None])[0])
+    assert np.hstack([read, true]).tolist() == expected.values.tolist()
+
+
+def test_the_noise_of_a_reading_is_that_of_the_data_sheet_and_of_its_rounding():
+    encoder = Encoder(noise_deg=0.3, resolution_deg=0.6, zero_deg=0.5)
+    table = readings(replace(encoder, zero_deg=0.0, rate_hz=500.0))
+    errors = table.values[:, :3] - table.values[:, 3:]
+    assert errors.std() == pytest.approx(encoder.white_rad, rel=0.05)
+    assert encoder.zero_rad == pytest.approx(np.radians(0.5))
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,20 @@ class Gimbal:
         angles = {f"{joint}_rad": float(angle) for joint, angle in zip(self.joints, angles_rad, strict=True)}
         return self.cam_from_body(**{"yaw_rad": 0.0, "roll_rad": 0.0, **angles})
 
+    def twists_at(self, angles_rad: Array) -> Array:
+        """Jacobian (6, k) of the camera's twist by the angles (k,) of the joints that exist, at these angles.
+
+        To first order `cam_from_body_at(angles + d) = exp(twists_at(angles) @ d) @ cam_from_body_at(angles)`. All axes
+        meet in the camera's centre: its translation, the first three rows, is zero.
+        """
+        angles = dict(zip(self.joints, angles_rad.tolist(), strict=True))
+        yaw_from_pitch = turned(0.0, angles.get("roll", 0.0), angles.get("pitch", 0.0))
+        roll_from_pitch = turned(0.0, 0.0, angles.get("pitch", 0.0))
+        axes = {"yaw": -yaw_from_pitch[2], "roll": -roll_from_pitch[0], "pitch": np.array([0.0, 1.0, 0.0])}
+        twists = np.zeros((6, len(self.joints)))
+        twists[3:] = CAM_FROM_FORWARD_BODY @ np.column_stack([axes[joint] for joint in self.joints])
+        return twists
+
     def along(self, motion: Motion, target_m: Array) -> GimbalMotion:
         """The gimbal along a motion; target_m (3,): what it looks at unless it has its own target_m."""
         return GimbalMotion(self, motion, target_m if self.target_m is None else np.array(self.target_m))

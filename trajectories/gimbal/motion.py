@@ -32,7 +32,8 @@ class GimbalMotion:
     """The joints of a gimbal along a motion; called with a time (ns), `cam_from_body` then.
 
     One step of the servos per row; each takes as exact the attitude of the body. Between rows the angles are linear in
-    time. At the first row the gimbal is at rest. Rows are simulated as far as they are flown.
+    time. At the first row the gimbal is at rest. Rows are simulated as far as they are flown and asked
+    for: in flight, in lockstep with the motion.
     """
 
     def __init__(self, gimbal: Pointed, motion: Motion, target_m: Array) -> None:
@@ -47,7 +48,8 @@ class GimbalMotion:
 
     def angles(self, stamps_ns: NDArray[np.int64]) -> Array:
         """True angles (n, 3) of yaw, roll and pitch joint at times, rad; held beyond the first and last row."""
-        rows = len(self._motion)
+        latest_ns = int(np.max(stamps_ns, initial=int(self._stamps[0])))
+        rows = min(int(self._stamps.searchsorted(latest_ns)) + 1, len(self._motion))
         self._simulate(rows)
         last = max(rows - 2, 0)
         row = np.clip(np.searchsorted(self._stamps[:rows], stamps_ns, side="right") - 1, 0, last)
