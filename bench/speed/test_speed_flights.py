@@ -31,6 +31,7 @@ from uavbench.scenes.rendering.radiance import Radiance, encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.fusion.camera_on_body import FixedMount
 from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, update
 from uavbench.tracker.fusion.measurements import CameraPose
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
@@ -251,7 +252,8 @@ def test_an_update_of_the_filter(benchmark: Any, config: FusionConfig) -> None:
     """A camera pose: its innovation, the test at the gate, and the update."""
     start = begun()
     state, P = start.pack(), covariance_of(start)
-    pose = CameraPose.claimed(0, start.world_from_body.inverse(), 1e-4 * np.eye(6), Pose.identity(), config)
+    camera = FixedMount(Pose.identity()).at(0)
+    pose = CameraPose.claimed(0, start.world_from_body.inverse(), 1e-4 * np.eye(6), camera, config)
 
     def updated() -> None:
         found = pose.innovation(state, np.zeros(3))

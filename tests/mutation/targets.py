@@ -100,6 +100,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"scenes/{name}.py", "scenes/test_gimbal_sequences")
             for name in ("dataset/gimbal_files", "exports/ros/gimbal_messages")
         ),
+        _target("tracker/fusion/camera_on_body.py", "tracker/test_camera_on_body"),
     ),
     "noise": (
         _target("scenes/materials/procedural_texture.py", "scenes/test_noise"),

@@ -10,6 +10,7 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from uavbench.tracker.fusion.camera_on_body import CameraOnBody
 from uavbench.tracker.fusion.kernels import fill_jacobian, is_positive
 from uavbench.tracker.fusion.state import ERROR, FusionConfig
 from uavbench.tracker.geometry_kernels import se3_log_left
@@ -65,16 +66,20 @@ class CameraPose:
 
     @classmethod
     def claimed(
-        cls, stamp_ns: int, cam_from_world: Pose, covariance: Array, cam_from_body: Pose, config: FusionConfig
+        cls, stamp_ns: int, cam_from_world: Pose, covariance: Array, camera: CameraOnBody, config: FusionConfig
     ) -> "CameraPose":
-        """A pose with the total covariance (6, 6) claimed by its tracker; ValueError unless positive definite."""
+        """A pose with the total covariance (6, 6) claimed by its tracker; ValueError unless positive definite.
+
+        The error of the camera's pose on the body adds to it: cam_from_world = cam_from_body @ body_from_world, so both
+        are twists on the left.
+        """
         whole = checked(covariance, 6)
         return cls(
             stamp_ns=stamp_ns,
             cam_from_world=cam_from_world,
-            covariance=(1.0 - config.camera_slow_share) * whole,
-            cam_from_body=cam_from_body,
-            slow=config.slow_covariance(whole),
+            covariance=(1.0 - config.camera_slow_share) * whole + camera.white,
+            cam_from_body=camera.cam_from_body,
+            slow=config.slow_covariance(whole) + camera.constant,
         )
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:

@@ -6,6 +6,7 @@ from math import isfinite
 import numpy as np
 from scipy.special import chdtri
 
+from uavbench.tracker.fusion.camera_on_body import FixedMount, KnownMount
 from uavbench.tracker.fusion.events import Carried, Checkpoint, Key, Nominal, PredictedCamera, Sample, Since, Verdict
 from uavbench.tracker.fusion.kernels import (
     innovation_covariance,
@@ -33,12 +34,14 @@ class VehicleFilter:
 
     Events are kept for `history_s` with the state after each. A delayed event is inserted at its stamp, and all later
     ones are replayed, so that the state is bit-identical to that without the delay. IMU readings are interpolated
-    linearly between samples; a measurement is applied once an IMU sample at or after its stamp has arrived.
+    linearly between samples; a measurement is applied once an IMU sample at or after its stamp has arrived. mount: the
+    fixed pose `cam_from_body`, or what is known of one that moves.
     """
 
-    def __init__(self, config: FusionConfig, cam_from_body: Pose, initial: Estimate) -> None:
+    def __init__(self, config: FusionConfig, mount: Pose | KnownMount, initial: Estimate) -> None:
         prepare(__name__)
-        self.config, self.cam_from_body = config, cam_from_body
+        self.config = config
+        self._mount = FixedMount(mount) if isinstance(mount, Pose) else mount
         self._densities = config.densities
         self._history_ns = round(config.history_s * 1e9)
         self._gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in range(1, 7)}
@@ -63,9 +66,8 @@ class VehicleFilter:
         if result.status != "ok" or result.cam_from_world is None or result.covariance is None:
             return
         try:
-            pose = CameraPose.claimed(
-                stamp_ns, result.cam_from_world, result.covariance, self.cam_from_body, self.config
-            )
+            camera = self._mount.at(stamp_ns)
+            pose = CameraPose.claimed(stamp_ns, result.cam_from_world, result.covariance, camera, self.config)
         except (ValueError, np.linalg.LinAlgError) as error:
             self._past.append(Verdict(stamp_ns, "CameraPose", None, None, str(error)))
             return
@@ -123,9 +125,10 @@ class VehicleFilter:
     def predict_camera(self, stamp_ns: int) -> PredictedCamera:
         """Predicted `cam_from_world` and the covariance (6, 6) of its twist: a prior for a tracker."""
         state, P, _ = self._at(stamp_ns)
-        pose = self.cam_from_body @ Pose(state[6:15].reshape(3, 3), state[0:3]).inverse()
-        H = deviation(pose, self.cam_from_body, state).H[:, :15]
-        return PredictedCamera(pose, H @ P[:15, :15] @ H.T)
+        camera = self._mount.at(stamp_ns)
+        pose = camera.cam_from_body @ Pose(state[6:15].reshape(3, 3), state[0:3]).inverse()
+        H = deviation(pose, camera.cam_from_body, state).H[:, :15]
+        return PredictedCamera(pose, H @ P[:15, :15] @ H.T + camera.white + camera.constant)
 
     @property
     def _last(self) -> Checkpoint:
