@@ -4,10 +4,12 @@ from collections.abc import Collection
 
 from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.closed_loop.spec import CAMERA, LoopSpec
+from uavbench.scenes.dataset.body import GIMBAL
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu
@@ -36,11 +38,7 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec, flight_s: float = ENDLESS_S) 
             f"sequence {spec.name}: in closed loop only the main camera is simulated, without jitter or time shift: "
             "leave out `cameras` and `clock`"
         )
-    if not isinstance(spec.mount, Mount):
-        raise UserError(
-            f"sequence {spec.name}: in closed loop the camera's mount is fixed, since the filter has one pose of the "
-            "camera on the body: give `mount` its angles without kind = 'gimbal', or render the sequence"
-        )
+    _check_mount(spec, there, flight_s)
     sensors = {name: there[name] for name in wanted if name != CAMERA}
     if loop.estimator != "truth":
         _check_imu(spec.name, sensors)
@@ -59,6 +57,23 @@ def loop_imu(sensors: Collection[str], spec: SequenceSpec) -> str:
     sensors: as `check_loop` returns them.
     """
     return next(name for name, sensor in named(spec.sensors).items() if name in sensors and isinstance(sensor, Imu))
+
+
+def _check_mount(spec: SequenceSpec, sensors: Collection[str], flight_s: float) -> None:
+    """UserError for a mount that the vehicle cannot know, by its angles or by the readings of its encoders."""
+    if isinstance(spec.mount, Mount):
+        return
+    if not isinstance(spec.mount, Gimbal):
+        raise UserError(
+            f"sequence {spec.name}: in closed loop the camera's mount is fixed or a gimbal, not "
+            f"{type(spec.mount).__name__}, whose pose on the body the vehicle does not know; render the sequence"
+        )
+    if GIMBAL in sensors:
+        raise UserError(f"sequence {spec.name}: a sensor has the name {GIMBAL} of the encoders; rename its class")
+    try:
+        spec.mount.encoder.check(flight_s)
+    except UserError as error:
+        raise UserError(f"sequence {spec.name}: gimbal: {error}") from None
 
 
 def _check_imu(sequence: str, sensors: dict[str, SensorSpec]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from uavbench.bench.closed_loop.sensing import Reading
 from uavbench.bench.closed_loop.spec import CAMERA, FilterSpec
+from uavbench.tracker.fusion.camera_on_body import KnownMount
 from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.fusion.measurements import Height, Measurement, OpticalFlow, Position
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
@@ -102,10 +103,10 @@ class CameraAlone:
 
     verdicts: list[Verdict] = []  # noqa: RUF012
 
-    def __init__(self, imu: str, cam_from_body: Pose, start: Start) -> None:
-        self._imu, self._cam_from_body = imu, cam_from_body
+    def __init__(self, imu: str, mount: KnownMount, start: Start) -> None:
+        self._imu, self._mount = imu, mount
         self._to_quaternion = physics().mju_mat2Quat
-        body = start.cam_from_world.inverse() @ cam_from_body
+        body = start.cam_from_world.inverse() @ mount.at(0).cam_from_body
         self._stamp_ns, self._place_m, self._velocity_m_s = 0, body.translation, start.velocity_m_s
         self._turned, self._turned_ns = body.rotation, 0
         self._rates = np.zeros(3)
@@ -121,7 +122,7 @@ class CameraAlone:
         """Adopt a pose unchanged."""
         if result.cam_from_world is None or stamp_ns < self._stamp_ns:
             return
-        pose = result.cam_from_world.inverse() @ self._cam_from_body
+        pose = result.cam_from_world.inverse() @ self._mount.at(stamp_ns).cam_from_body
         if stamp_ns > self._stamp_ns:
             self._velocity_m_s = (pose.translation - self._place_m) * (1e9 / (stamp_ns - self._stamp_ns))
         self._stamp_ns, self._place_m = stamp_ns, pose.translation
@@ -157,11 +158,11 @@ class CameraAlone:
 class Filtered:
     """The vehicle's filter, with the sensors of the loop."""
 
-    def __init__(self, spec: FilterSpec, sensors: tuple[str, ...], imu: Imu, cam_from_body: Pose, start: Start) -> None:
+    def __init__(self, spec: FilterSpec, sensors: tuple[str, ...], imu: Imu, mount: KnownMount, start: Start) -> None:
         self._spec, self._sensors = spec, sensors
         at_rest = Estimate.at_rest(
             0,
-            start.cam_from_world.inverse() @ cam_from_body,
+            start.cam_from_world.inverse() @ mount.at(0).cam_from_body,
             position_m=spec.start_m,
             attitude_rad=float(np.radians(spec.start_deg)),
             velocity_m_s=spec.start_m_s,
@@ -169,9 +170,8 @@ class Filtered:
             gyro_bias_rad_s=max(imu.gyro_bias_rad_s, LEAST_BIAS_RAD_S),
         )
         self._to_quaternion = physics().mju_mat2Quat
-        self._filter = VehicleFilter(
-            fusion_config(spec, imu), cam_from_body, replace(at_rest, velocity_m_s=start.velocity_m_s)
-        )
+        moving = replace(at_rest, velocity_m_s=start.velocity_m_s)
+        self._filter = VehicleFilter(fusion_config(spec, imu), mount, moving)
         self._unclaimed = np.diag(np.repeat([spec.unclaimed_m, np.radians(spec.unclaimed_deg)], 3) ** 2)
 
     def sense(self, reading: Reading) -> None:

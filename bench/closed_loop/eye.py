@@ -1,16 +1,17 @@
 """The camera in flight: renders frames while the vehicle's trajectory is still being simulated."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.generate import Motion, check_first_view, mounted_path, with_effects
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, SceneRenderer, ideal_camera, render_camera
+from uavbench.scenes.scene import Scene
 from uavbench.scenes.spec import SequenceSpec
-from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.simulate import Simulation
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
@@ -32,6 +33,13 @@ class WayFlown:
         return Pose.from_quaternion(state[RECORD["quaternions_wxyz"]], state[RECORD["positions_m"]])
 
 
+class CameraInFlight(NamedTuple):
+    """The camera in flight: its simulator, and its mount: the true `cam_from_body` at a time (ns)."""
+
+    source: CameraSimulator
+    mount: Callable[[int], Pose]
+
+
 class DrawnScene(Protocol):
     """A scene with a renderer: a `Scene`, or one with another renderer."""
 
@@ -40,13 +48,18 @@ class DrawnScene(Protocol):
         ...
 
 
+def mount_along(spec: SequenceSpec, scene: Scene, way: Motion) -> Callable[[int], Pose]:
+    """True `cam_from_body` at a time (ns) of a motion; a gimbal may point at the middle of the structure."""
+    return spec.mount.along(way, scene.built.structure.bounds.mean(axis=0))
+
+
 @contextmanager
-def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion, target_m: Array | None = None) -> Iterator[CameraSimulator]:
-    """The camera along a motion, with every effect of the spec; target_m (3,): what a gimbal looks at."""
+def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion, mount: Callable[[int], Pose]) -> Iterator[CameraSimulator]:
+    """The camera with every effect of the spec, along a motion of the body; mount: `cam_from_body` at a time (ns)."""
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        path = mounted_path(way, spec.mount.along(way, np.zeros(3) if target_m is None else target_m))
+        path = mounted_path(way, mount)
         ideal = ideal_camera(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
         check_first_view(spec, ideal)
         yield with_effects(ideal, spec.effects, spec.seed)

@@ -1,16 +1,19 @@
 """Log of a flight in progress, and the flight written from it."""
 
+from collections.abc import Callable
 from collections.abc import Sequence as ListOf
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.bench.closed_loop.ending import Ending
 from uavbench.bench.closed_loop.estimators import Believed
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.closed_loop.tracking import TimedFault
-from uavbench.reports.closed_loop.flown import Flown, FlownPath
+from uavbench.reports.closed_loop.flown import Flown, FlownPath, plan_stamps, planned_bodies
+from uavbench.reports.closed_loop.flown_mounts import MOUNT_COLUMNS, FlownMounts
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
@@ -18,8 +21,12 @@ from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import parameters, record_of
+from uavbench.trajectories.camera_mount import MountSpec
+from uavbench.trajectories.gimbal.gimbal import Gimbal
+from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion, rotation_log
 from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.sensors.sensor import Table
 from uavbench.trajectories.simulation.simulate import Simulation
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
@@ -43,14 +50,15 @@ class Notes:
 
     def __init__(self, spec: SequenceSpec, pilot: Pilot, open_loop: OpenLoop) -> None:
         self._spec, self._pilot, self._open_loop = spec, pilot, open_loop
-        self._cam_from_body = spec.mount.at_rest.cam_from_body
+        on_gimbal = isinstance(spec.mount, Gimbal)
+        self._cam_from_evaluated = Pose.identity() if on_gimbal else spec.mount.at_rest.cam_from_body
         self.ending: Ending | None = None
         self.faults: list[TimedFault] = []
         self._rows: list[Array] = []
         self._claimed: dict[int, Array] = {}
         self._stamps: list[int] = []
         self._frames: list[tuple[int, int, TrackResult, int]] = []
-        self._true_world_from_body: list[Pose] = []
+        self._true_poses: list[Pose] = []
 
     def row(self, simulation: Simulation, believed: Believed | None, covariance: Array | None, has_fix: bool) -> None:
         """Log true, estimated and planned state of the current step."""
@@ -68,7 +76,7 @@ class Notes:
     def frame(self, frame: int, stamp_ns: int, result: TrackResult, true_pose: Pose, answered_ns: int) -> None:
         """Log a frame, the tracker's result, and when it reached the filter."""
         self._frames.append((frame, stamp_ns, result, answered_ns))
-        self._true_world_from_body.append(true_pose.inverse() @ self._cam_from_body)
+        self._true_poses.append(true_pose.inverse() @ self._cam_from_evaluated)
 
     def flown(
         self, simulation: Simulation, radius_m: float, structure: Structure, camera: Camera, verdicts: ListOf[Verdict]
@@ -83,7 +91,7 @@ class Notes:
         )
         return Flown(
             results=results,
-            groundtruth=Trajectory.from_poses(stamps, self._true_world_from_body),
+            groundtruth=Trajectory.from_poses(stamps, self._true_poses),
             path=self._path(),
             plan=self._open_loop.plan,
             answered_ns=np.array([answered for _, _, _, answered in self._frames], dtype=np.int64),
@@ -115,7 +123,7 @@ class Notes:
         }
         errors = [f"t = {fault.stamp_ns / 1e9:.3f} s: {fault.what}" for fault in self.faults]
         record = record_of(
-            pilot.tracker, inputs, self._cam_from_body, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
+            pilot.tracker, inputs, self._cam_from_evaluated, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
         )
         flight = {
             "status": ending.status,
@@ -127,3 +135,21 @@ class Notes:
             "open_loop_max_m": float(self._open_loop.error_m.max()),
         }
         return {**record, "flight": flight}
+
+
+def mounts_of(mount: MountSpec, motion: Callable[[int], Pose], flown: Flown) -> FlownMounts | None:
+    """The gimbal along its motion at the rows of the path, and at rest at those of the plan; None for a fixed mount."""
+    if not (isinstance(mount, Gimbal) and isinstance(motion, GimbalMotion)):
+        return None
+    path_ns, plan_ns = flown.path.stamps_ns, plan_stamps(flown.plan)
+    resting = [motion.at_rest_on(body) for body in planned_bodies(flown.plan)]
+    return FlownMounts(
+        flown=_table(mount, path_ns, motion.angles(path_ns)),
+        planned=_table(mount, plan_ns, np.array(resting).reshape(-1, 3)),
+    )
+
+
+def _table(gimbal: Gimbal, stamps_ns: NDArray[np.int64], angles_rad: Array) -> Table:
+    poses = [gimbal.cam_from_body(*angles) for angles in angles_rad.tolist()]
+    rows = [[*pose.translation, *pose.quaternion_wxyz] for pose in poses]
+    return Table(MOUNT_COLUMNS, stamps_ns, np.hstack([np.array(rows).reshape(-1, 7), angles_rad]))

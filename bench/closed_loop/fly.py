@@ -7,8 +7,8 @@ from typing import Any
 from uavbench.bench.closed_loop.checks import check_loop, loop_imu
 from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, Start, TrueState
-from uavbench.bench.closed_loop.eye import WayFlown, exposed_after_ns, eye
-from uavbench.bench.closed_loop.flight_notes import Notes
+from uavbench.bench.closed_loop.eye import CameraInFlight, WayFlown, exposed_after_ns, eye, mount_along
+from uavbench.bench.closed_loop.flight_notes import Notes, mounts_of
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.sensing import Reading, Sensors
 from uavbench.bench.closed_loop.spec import Pilot
@@ -16,7 +16,6 @@ from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.bench.closed_loop.tracking import TrackerInFlight
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.scenes.dataset.body import Samples
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
@@ -47,15 +46,17 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
     notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
     simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
-    with eye(spec, scene, WayFlown(simulation)) as source:
-        loop = Loop(spec, pilot, scene, simulation, source, notes)
+    way = WayFlown(simulation)
+    mount = mount_along(spec, scene, way)
+    with eye(spec, scene, way, mount) as source:
+        loop = Loop(spec, pilot, scene, simulation, CameraInFlight(source, mount), notes)
         while notes.ending is None and not simulation.is_over:
             loop.step()
             if on_step is not None and simulation.step % (10 * BLOCK) == 0:
                 on_step(simulation.step, simulation.steps)
     verdicts = loop.estimator.verdicts if loop.estimator is not None else []
     flown = notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.camera, verdicts)
-    return replace(flown, readings=loop.sensors.tables())
+    return replace(flown, readings=loop.sensors.tables(), mounts=mounts_of(spec.mount, mount, flown))
 
 
 class Loop:
@@ -71,19 +72,19 @@ class Loop:
         pilot: Pilot,
         scene: Scene,
         simulation: Simulation,
-        source: CameraSimulator,
+        camera: CameraInFlight,
         notes: Notes,
     ) -> None:
         self.spec, self.pilot, self.scene = spec, pilot, scene
-        self.simulation, self.source, self.notes = simulation, source, notes
+        self.simulation, self.source, self.notes = simulation, camera.source, notes
         self.sensor_names = check_loop(pilot.loop, spec, simulation.steps * STEP_NS / 1e9)
-        self.sensors = Sensors(spec, pilot.loop, simulation.steps, scene.obstacles)
+        self.sensors = Sensors(spec, pilot.loop, simulation.steps, scene.obstacles, camera.mount)
         vehicle = Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount.at_rest))
         self.judge = Judge(pilot.loop.crash, vehicle.radius_m, scene.obstacles)
         self.start_velocity_m_s = simulation.commanded[3:6].copy()
         self.latency_rng = stream(spec.seed, "loop", "latency")
         self.stamps = stamps_between(0, (simulation.steps - 1) * STEP_NS, pilot.rate_hz).tolist()
-        self.exposed_after_ns = exposed_after_ns(spec, source)
+        self.exposed_after_ns = exposed_after_ns(spec, camera.source)
         self.frame = 0
         self.busy_until_ns = -1
         self.due: list[tuple[int, int, TrackResult]] = []
@@ -152,7 +153,7 @@ class Loop:
         if not isinstance(run, GroundTruth):
             run = started(run, structure, camera, pose, rng, self.sensors.body)
         self.tracker = TrackerInFlight(run)
-        start, mount = Start(pose, self.start_velocity_m_s), spec.mount.at_rest.cam_from_body
+        start, mount = Start(pose, self.start_velocity_m_s), self.sensors.mount
         if pilot.loop.estimator == "truth":
             self.estimator = TrueState()
         elif pilot.loop.estimator == "camera":

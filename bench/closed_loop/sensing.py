@@ -1,6 +1,7 @@
 """The body's sensors in flight: each reading is simulated at its time, with noise from its own random stream."""
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -8,13 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uavbench.bench.closed_loop.spec import LoopSpec
-from uavbench.scenes.dataset.body import CALIBRATED, Body, BodySensor, Samples
+from uavbench.scenes.dataset.body import CALIBRATED, GIMBAL, Body, BodySensor, Samples
+from uavbench.scenes.dataset.gimbal_files import gimbal_record
 from uavbench.scenes.dataset.spec_record import described
-from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.spec import MAIN, SequenceSpec
+from uavbench.tracker.fusion.camera_on_body import FixedMount, KnownMount, MeasuredGimbal
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.gimbal.encoders_in_flight import GimbalEncoders
+from uavbench.trajectories.gimbal.gimbal import Gimbal
+from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.registry import named
@@ -37,11 +43,13 @@ class Reading(NamedTuple):
 class LiveSensor:
     """One sensor in flight; next_ns: stamp of its next reading."""
 
-    def __init__(self, name: str, sensor: LiveSensorSpec, steps: int, obstacles: ObstacleMesh, seed: int) -> None:
+    def __init__(
+        self, name: str, sensor: LiveSensorSpec, steps: int, obstacles: ObstacleMesh, rng: np.random.Generator
+    ) -> None:
         self.name, self.sensor = name, sensor
         self.stamps = stamps_between(0, (steps - 1) * STEP_NS, sensor.rate_hz)
-        self.columns: tuple[str, ...] = tuple(getattr(type(sensor), "measured", ()))
-        self._reader: Reader = sensor.begin(len(self.stamps), obstacles, stream(seed, "sensor", name))
+        self.columns: tuple[str, ...] = tuple(getattr(sensor, "measured", ()))
+        self._reader: Reader = sensor.begin(len(self.stamps), obstacles, rng)
         self._due_ns: list[int] = self.stamps.tolist()
         self._values = np.empty((len(self.stamps), len(self.columns)))
         self._given = self._done = self.next_ns = 0
@@ -68,10 +76,30 @@ class LiveSensor:
 
 
 class Sensors:
-    """All sensors of a sequence in flight, and the readings handed to the tracker."""
+    """All sensors of a sequence in flight, and the readings handed to the tracker.
 
-    def __init__(self, spec: SequenceSpec, loop: LoopSpec, steps: int, obstacles: ObstacleMesh) -> None:
-        self._live = [LiveSensor(n, live(s), steps, obstacles, spec.seed) for n, s in named(spec.sensors).items()]
+    true_mount: `cam_from_body` at a time (ns), of which the encoders of a gimbal measure the angles; mount: what the
+    vehicle knows of it.
+    """
+
+    def __init__(
+        self,
+        spec: SequenceSpec,
+        loop: LoopSpec,
+        steps: int,
+        obstacles: ObstacleMesh,
+        true_mount: Callable[[int], Pose],
+    ) -> None:
+        seed = spec.seed
+        self._live = [
+            LiveSensor(name, live(sensor), steps, obstacles, stream(seed, "sensor", name))
+            for name, sensor in named(spec.sensors).items()
+        ]
+        self.mount: KnownMount = FixedMount(spec.mount.at_rest.cam_from_body)
+        if isinstance(spec.mount, Gimbal) and isinstance(true_mount, GimbalMotion):
+            self.mount = MeasuredGimbal(spec.mount)
+            encoders = GimbalEncoders(spec.mount, true_mount)
+            self._live.append(LiveSensor(GIMBAL, encoders, steps, obstacles, stream(seed, "gimbal", MAIN)))
         self._outages_ns = [(a * 1e9, b * 1e9) for a, b in loop.gnss_outages_s]
         self.has_fix = False
         self._next_ns = 0
@@ -85,6 +113,8 @@ class Sensors:
         for reading in new:
             if isinstance(reading.sensor, Gnss):
                 self._receive(reading)
+            elif isinstance(self.mount, MeasuredGimbal) and reading.name == GIMBAL:
+                self.mount.read(reading.stamp_ns, reading.values)
         self._next_ns = min((sensor.next_ns for sensor in self._live), default=NEVER_NS)
         return new
 
@@ -123,7 +153,13 @@ def body_of(spec: SequenceSpec) -> Body:
         parameters = {key: about[key] for key in sorted(known) if isinstance(about[key], int | float | list)}
         measured = tuple(getattr(type(sensor), "measured", ()))
         sensors[name] = BodySensor(kind, measured, MappingProxyType(parameters))
-    return Body(spec.mount.at_rest.cam_from_body, MappingProxyType(sensors))
+    if not isinstance(spec.mount, Gimbal):
+        return Body(spec.mount.at_rest.cam_from_body, MappingProxyType(sensors))
+    gimbal, about = spec.mount, gimbal_record(spec.mount, MAIN)
+    parameters = {key: about[key] for key in sorted(CALIBRATED & set(about))}
+    sensors[GIMBAL] = BodySensor(GIMBAL, tuple(about["measured"]), MappingProxyType(parameters))
+    geometry = Gimbal(axes=gimbal.axes, yaw_deg=gimbal.yaw_deg, offset_m=gimbal.offset_m)
+    return Body(None, MappingProxyType(sensors), geometry)
 
 
 def part(record: Array, first: int, last: int) -> Flight:

@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from uavbench.bench.closed_loop.eye import eye
+from uavbench.bench.closed_loop.eye import eye, mount_along
 from uavbench.bench.filming.files import MARKER, VIDEO
 from uavbench.bench.filming.outside_view import OutsideView
 from uavbench.reports.closed_loop.flown import Flown
@@ -57,7 +57,9 @@ def write_video(
     way = Trajectory(flown.path.stamps_ns, flown.path.group("true_p_m"), flown.path.group("true_q"))
     rate_hz = float(flown.record["rate_hz"])
     height = OUTSIDE_PX[1]
-    with eye(spec, build_scene(spec), way) as source, new_folder(folder, MARKER) as new:
+    scene = build_scene(spec)
+    mount = mount_along(spec, scene, way) if flown.mounts is None else flown.mounts.at
+    with eye(spec, scene, way, mount) as source, new_folder(folder, MARKER) as new:
         width = round(source.camera.width * height / source.camera.height / 2) * 2
         size = (width + OUTSIDE_PX[0], height)
         with standard_error_to_nothing():  # WebM has no codec tags, of which OpenCV warns whatever the codec
@@ -164,7 +166,7 @@ class Outside:
         return canvas
 
     def _draw_vehicle(self, canvas: Image, row: int) -> None:
-        """Draw the four arms and the direction of the nose."""
+        """Draw the four arms, the direction of the nose, and where a camera on a gimbal looks."""
         place = self.flown.path.group("true_p_m")[row]
         R = rotation_from_quaternion(self.flown.path.group("true_q")[row])
         arm = ARM_PART * float(self.view.cam_from_world.transform(place[None])[0, 2])
@@ -172,5 +174,9 @@ class Outside:
         ends = self.view.camera.project(self.view.cam_from_world.transform(np.vstack([place, tips])))
         for tip in ends[1:]:
             draw(canvas, np.array([[ends[0], tip]]), TRUE, 3)
+        if self.flown.mounts is not None:
+            ahead = R @ self.flown.cam_from_body(row).rotation[2]
+            sight = self.view.cam_from_world.transform(np.array([place, place + 2 * arm * ahead]))
+            draw(canvas, self.view.camera.project(sight)[None], TRUE, 1)
         for tip in ends[1:5]:
             cv2.circle(canvas, (round(tip[0]), round(tip[1])), 4, TRUE, 1, cv2.LINE_AA)

@@ -7,7 +7,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from uavbench.bench.closed_loop.eye import eye
+from uavbench.bench.closed_loop.eye import eye, mount_along
 from uavbench.bench.filming.outside_view import looking_at
 from uavbench.scenes.rendering.camera_simulator import light_of
 from uavbench.scenes.rendering.radiance import Radiance, encode
@@ -75,11 +75,12 @@ def effect_picture(spec: SequenceSpec) -> Image:
     times = sample_stamps(flight, spec.rate_hz)
     fastest = int(np.argmax(np.linalg.norm(sampled(flight, flight.velocities_m_s, times[:-FRAMES]), axis=1)))
     stamps = times[fastest : fastest + FRAMES].tolist()
-    with eye(replace(spec, effects=()), scene, flight) as source:
+    mount = mount_along(spec, scene, flight)
+    with eye(replace(spec, effects=()), scene, flight, mount) as source:
         before = _first(source.image(stamps[0]))
         middle = source.cam_from_world(stamps[0]).transform(scene.built.structure.bounds.mean(axis=0)[None])
         centre_px = float(source.camera.project(middle)[0, 0])
-    with eye(spec, scene, flight) as source:
+    with eye(spec, scene, flight, mount) as source:
         taken = [source.image(stamp) for stamp in stamps]
     if any(light is None for light in taken):
         return _strip([None if light is None else encode(light) for light in taken], before)
@@ -92,7 +93,7 @@ def mount_picture(spec: SequenceSpec) -> Image:
     flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     times = sample_stamps(flight, spec.rate_hz)
     stamps = times[len(times) // 2 :][:FRAMES].tolist()
-    with eye(spec, scene, flight, scene.built.structure.bounds.mean(axis=0)) as source:
+    with eye(spec, scene, flight, mount_along(spec, scene, flight)) as source:
         taken = [_first(source.image(stamp)) for stamp in stamps]
     return _strip(list(taken), taken[0])
 

@@ -11,7 +11,7 @@ from typing import Any, SupportsFloat
 import numpy as np
 
 from uavbench.bench.closed_loop.checks import check_loop
-from uavbench.bench.closed_loop.eye import WayFlown, eye
+from uavbench.bench.closed_loop.eye import CameraInFlight, WayFlown, eye, mount_along
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.fly import Loop
 from uavbench.bench.closed_loop.open_loop import OpenLoop
@@ -158,10 +158,12 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         scene = self._scene[1]
         simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, own, self._guided)
         simulation.warm_up()
-        source = self._open.enter_context(eye(spec, scene, WayFlown(simulation)))
+        way = WayFlown(simulation)
+        mount = mount_along(spec, scene, way)
+        source = self._open.enter_context(eye(spec, scene, way, mount))
         nothing = OpenLoop(np.zeros((0, 5)), np.zeros(0))
         notes = Notes(spec, self._pilot, nothing)
-        self._loop = CommandedLoop(spec, self._pilot, scene, simulation, source, notes)
+        self._loop = CommandedLoop(spec, self._pilot, scene, simulation, CameraInFlight(source, mount), notes)
         self._loop.guidance = self._guidance
         self._points, self._normals = surface_points(scene.built.structure)
         self._seen = np.zeros(len(self._points), dtype=bool)

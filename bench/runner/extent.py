@@ -12,6 +12,7 @@ from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
 from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.sensors.lidar import Lidar2d
 from uavbench.trajectories.sensors.registry import FLIGHT_RATE_HZ
 from uavbench.trajectories.simulation.flight import path_name
@@ -33,6 +34,8 @@ FLOWN_ROW_BYTES, FLOWN_RATE_HZ, FLOWN_FIXED_BYTES = 370.0, 50.0, 1e4
 """Bytes of a row of path.csv, its rate, and bytes of the records of a flight, measured on the box."""
 FLOWN_READING_BYTES = 130.0
 """Bytes of a reading of a flight, measured with the IMU."""
+FLOWN_ENCODER_BYTES, FLOWN_MOUNT_BYTES = 73.0, 260.0
+"""Bytes of a reading of a gimbal's encoders, and of its poses by row of path.csv, measured with three axes."""
 FLOWN_FRAME_BYTES = 1100.0
 """Bytes of a frame in the tables of a flight, measured with `robust`; with `truth` it is a half."""
 VIDEO_FRAME_BYTES = 6e4
@@ -146,6 +149,8 @@ def _frames_flown(spec: SequenceSpec, duration_s: float, rate_hz: float) -> int:
 def _bytes_flown(spec: SequenceSpec, frames: int, duration_s: float) -> float:
     readings = FLOWN_READING_BYTES * sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors)
     per_s = readings + FLOWN_ROW_BYTES * FLOWN_RATE_HZ
+    if isinstance(spec.mount, Gimbal):
+        per_s += FLOWN_ENCODER_BYTES * spec.mount.encoder.rate_hz + FLOWN_MOUNT_BYTES * FLOWN_RATE_HZ
     return FLOWN_FIXED_BYTES + FLOWN_FRAME_BYTES * frames + per_s * duration_s
 
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from uavbench.bench.closed_loop.eye import WayFlown, eye
+from uavbench.bench.closed_loop.eye import CameraInFlight, WayFlown, eye, mount_along
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.fly import Loop
 from uavbench.bench.closed_loop.fly import fly as fly_closed
@@ -167,9 +167,11 @@ def flown(spec: SequenceSpec, pilot: Pilot) -> float:
     simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
     simulated = process_time() - started
-    with eye(spec, scene, WayFlown(simulation)) as source:
+    way = WayFlown(simulation)
+    mount = mount_along(spec, scene, way)
+    with eye(spec, scene, way, mount) as source:
         timed = replace(pilot, tracker=Timed(pilot.tracker, watch))
-        loop = Loop(spec, timed, scene, simulation, watch.around(source), notes)
+        loop = Loop(spec, timed, scene, simulation, CameraInFlight(watch.around(source), mount), notes)
         started = process_time()
         while notes.ending is None and not simulation.is_over:
             loop.step()

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.bench.closed_loop.eye import eye
+from uavbench.bench.closed_loop.eye import eye, mount_along
 from uavbench.bench.config.suite import recorded_spec
 from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash
 from uavbench.bench.inputs.touched_files import Stamps, touched_since
@@ -87,7 +87,7 @@ def make_twin(
     arrived = replace(spec, effects=tuple(e for e in spec.effects if not isinstance(e, Drops)))
     traced = TracedScene(scene, blender, tracing.samples)
     with disk_errors(out), new_folder(out, MARKER) as new:
-        with eye(arrived, traced, flight) as source:
+        with eye(arrived, traced, flight, mount_along(spec, scene, flight)) as source:
             _write_frames(new, sequence, source, stamps, on_frame)
         _copy_truth(new, sequence, tracing.every)
         info = _info(sequence, provenance, traced.denoisers[-1])

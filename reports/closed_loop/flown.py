@@ -6,7 +6,9 @@
     frames.csv ...   results of the tracker, as for a sequence (`uavbench.tracker.results`), and ground truth
     answers.csv      when each frame's result reached the filter
     innovations.csv  innovation of each measurement, and whether the filter rejected it
-    imu.csv ...      readings of each of the body's sensors, as the vehicle had them
+    imu.csv ...      readings of each of the body's sensors, as the vehicle had them; gimbal.csv those of the encoders
+    mounts.csv       of a camera on a gimbal, its true pose on the body at each row of path.csv
+    plan_mounts.csv  and that at each row of plan.csv, with the vehicle level
     model.obj edges.csv camera.toml    the structure and the camera
 
 Except for times.csv and its hash in record.json, all files are identical byte for byte on every run, unless the latency
@@ -23,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.reports.closed_loop.files import MARKER
+from uavbench.reports.closed_loop.flown_mounts import FlownMounts, pose_of
 from uavbench.reports.style import write_csv
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.structure_files import load_structure, save_structure
@@ -31,7 +34,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.results import Results
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Array, Pose, rotation_exp
 from uavbench.trajectories.sensors.sensor import Table, write_table
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import read_trajectory
@@ -75,9 +78,9 @@ class FlownPath:
 class Flown:
     """One flight in closed loop.
 
-    groundtruth: of the body at each frame; plan (n, 5): columns PLAN_COLUMNS; answered_ns (frames,): when each result
-    reached the filter; innovations: rows of INNOVATION_COLUMNS; readings: of the body's sensors by name; empty when
-    loaded, as no measure needs them.
+    groundtruth: of the body at each frame, of the camera if it is on a gimbal; plan (n, 5): columns PLAN_COLUMNS;
+    answered_ns (frames,): when each result reached the filter; innovations: rows of INNOVATION_COLUMNS; readings: of
+    the body's sensors by name; empty when loaded, as no measure needs them; mounts: poses of a camera on a gimbal.
     """
 
     results: Results
@@ -89,11 +92,20 @@ class Flown:
     structure: Structure
     camera: Camera
     readings: Mapping[str, Table] = field(default_factory=dict)
+    mounts: FlownMounts | None = None
 
     @property
     def record(self) -> dict[str, Any]:
         """Content of record.json."""
         return dict(self.results.record)
+
+    def cam_from_body(self, row: int) -> Pose:
+        """True pose of the camera on the body at a row of the path."""
+        return self.results.cam_from_body if self.mounts is None else pose_of(self.mounts.flown, row)
+
+    def planned_cam_from_body(self, row: int) -> Pose:
+        """Pose of the camera on the level body at a row of the plan."""
+        return self.results.cam_from_body if self.mounts is None else pose_of(self.mounts.planned, row)
 
     def save(self, folder: Path) -> None:
         """Write the folder atomically."""
@@ -107,6 +119,8 @@ class Flown:
             write_csv(new / "innovations.csv", INNOVATION_COLUMNS, self.innovations)
             for name, table in self.readings.items():
                 write_table(table, new / f"{name}.csv")
+            if self.mounts is not None:
+                self.mounts.write(new)
             save_structure(self.structure, new)
             self.camera.save(new / "camera.toml")
 
@@ -124,16 +138,32 @@ class Flown:
         except ValueError as error:
             raise UserError(f"{folder / 'path.csv'}: {error}; fly again") from None
         told = read_table(folder / "innovations.csv", INNOVATION_COLUMNS)
+        plan = read_numbers(folder / "plan.csv", PLAN_COLUMNS)
+        mounts = None
+        if results.frame == "world_from_cam":
+            mounts = FlownMounts.load(folder, stamps, plan_stamps(plan))
         return cls(
             results,
-            read_trajectory(folder / "groundtruth_world_from_body.tum", "tum")[0],
+            read_trajectory(folder / f"groundtruth_{results.frame}.tum", "tum")[0],
             FlownPath(stamps, values.reshape(len(stamps), len(COLUMNS) - 1)),
-            read_numbers(folder / "plan.csv", PLAN_COLUMNS),
+            plan,
             np.array(answered, dtype=np.int64),
             [[row[c] for c in INNOVATION_COLUMNS] for row in told],
             load_structure(folder),
             Camera.load(folder / "camera.toml", inside=folder),
+            mounts=mounts,
         )
+
+
+def planned_bodies(plan: Array) -> list[Pose]:
+    """Poses world_from_body of the level vehicle at the rows of a plan (n, 5)."""
+    turns = rotation_exp(np.column_stack([np.zeros((len(plan), 2)), plan[:, 4]]))
+    return [Pose(turn, row[1:4]) for turn, row in zip(turns, plan, strict=True)]
+
+
+def plan_stamps(plan: Array) -> NDArray[np.int64]:
+    """Stamps (n,) in ns of the rows of a plan."""
+    return np.rint(plan[:, 0] * 1e9).astype(np.int64)
 
 
 def _number(value: float) -> float | None:

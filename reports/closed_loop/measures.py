@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from uavbench.reports.closed_loop.coverage import coverage
 from uavbench.reports.closed_loop.files import MARKER
-from uavbench.reports.closed_loop.flown import Flown
+from uavbench.reports.closed_loop.flown import Flown, planned_bodies
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
 from uavbench.reports.uncertainty.nees import is_singular
@@ -23,7 +23,7 @@ from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.pose import Array, Pose, rotation_exp, rotation_log
+from uavbench.trajectories.pose import Array, Pose, rotation_log
 
 FILTER_STATES = 9
 """Degrees of freedom of the filter's NEES: position, velocity and attitude."""
@@ -141,7 +141,10 @@ def measure_flight(flown: Flown) -> FlightScore:
 
 
 class TrackerErrors(NamedTuple):
-    """Position and rotation errors (n,) of the body in m and deg, and NEES (n,) of each frame; NaN without a pose."""
+    """Position and rotation errors (n,) in m and deg, and NEES (n,) of each frame; NaN without a pose.
+
+    They are those of the body, of a camera on a gimbal the camera's.
+    """
 
     metres: Array
     degrees: Array
@@ -172,17 +175,16 @@ def refused_share(flown: Flown) -> float | None:
 
 def cameras_flown(flown: Flown) -> list[Pose]:
     """True cam_from_world along a flight, every LOOK_EVERY_S."""
-    mount, path = flown.results.cam_from_body, flown.path
+    path = flown.path
     positions, quaternions = path.group("true_p_m"), path.group("true_q")
     rows = spaced(path.seconds)
-    return [mount @ Pose.from_quaternion(quaternions[i], positions[i]).inverse() for i in rows]
+    return [flown.cam_from_body(i) @ Pose.from_quaternion(quaternions[i], positions[i]).inverse() for i in rows]
 
 
 def cameras_planned(flown: Flown) -> list[Pose]:
     """cam_from_world along the plan with the vehicle level, every LOOK_EVERY_S."""
-    mount, plan = flown.results.cam_from_body, flown.plan
-    turns = rotation_exp(np.column_stack([np.zeros((len(plan), 2)), plan[:, 4]]))
-    return [mount @ Pose(turns[i], plan[i, 1:4]).inverse() for i in spaced(plan[:, 0])]
+    bodies = planned_bodies(flown.plan)
+    return [flown.planned_cam_from_body(i) @ bodies[i].inverse() for i in spaced(flown.plan[:, 0])]
 
 
 def spaced(seconds: Array) -> list[int]:

@@ -123,7 +123,7 @@ def test_sensors_in_flight_read_what_they_measure_of_the_whole_flight():
     record = np.zeros((len(flight), 30))
     for name, columns in RECORD.items():
         record[:, columns] = getattr(flight, name)
-    live = Sensors(spec, LoopSpec(), len(flight), obstacles)
+    live = Sensors(spec, LoopSpec(), len(flight), obstacles, spec.mount.along(flight, np.zeros(3)))
     for row in range(len(flight)):
         live.read(record[: row + 1], row)  # nothing of what is to come is there to be read
     samples = live.upto(10**12)

@@ -11,7 +11,10 @@ import pytest
 
 from tests.bench.small_suites import FLOWN
 from tests.bench.test_closed_loop import Watching, box
+from tests.bench.test_gimballed_flight import gimballed
+from uavbench.bench.closed_loop.latency import Constant
 from uavbench.bench.closed_loop.spec import LoopSpec, Pilot
+from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.errors import UserError
 
@@ -98,6 +101,19 @@ def test_a_fault_ends_an_episode_where_the_loop_says_so():
     assert [(failed, over) for _, failed, over, _ in told] == [(False, False), (True, False)]
     assert told[0][0] >= 0 and told[1][0] == CRASH_REWARD
     assert told[1][3]["status"] == "stopped" and "division by zero" in told[1][3]["why"]
+
+
+def test_a_gimballed_camera_inspects_too_and_the_estimate_is_that_of_the_body():
+    loop = LoopSpec(latency=Constant(0.0), coverage_px_m=20.0)
+    made = InspectionEnv(gimballed(), Pilot(label="it", tracker=GroundTruth(), rate_hz=15.0, loop=loop))
+    observed, about = made.reset(seed=1)
+    for _ in range(10):
+        observed, _, failed, _, about = made.step(towards_the_plan(observed))
+        assert not failed
+    assert about["coverage"] > 0.1
+    true_m = made._loop.simulation.qpos[:3]
+    assert np.linalg.norm(observed["estimate"][:3] - true_m) < 0.01
+    made.close()
 
 
 @pytest.mark.parametrize("action", [np.full(4, np.nan), np.zeros(3), np.zeros((1, 4)), np.array([0, 0, np.inf, 0])])

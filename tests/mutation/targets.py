@@ -94,7 +94,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     "gimbal": (
         *(
             _target(f"trajectories/gimbal/{name}.py", "trajectories/test_gimbal")
-            for name in ("axes", "encoder", "gimbal", "motion", "pointing", "servo")
+            for name in ("axes", "encoder", "encoders_in_flight", "gimbal", "motion", "pointing", "servo")
         ),
         *(
             _target(f"scenes/{name}.py", "scenes/test_gimbal_sequences")

@@ -14,8 +14,6 @@ from scipy.spatial.transform import Rotation
 from tests.hand_made import hand_made
 from tests.scenes.test_bag_exports import read
 from uavbench.bench.challenge.pack import _rendered
-from uavbench.bench.closed_loop.checks import check_loop
-from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.bench.config.suite import load_suite, recorded_spec
 from uavbench.bench.external.job_folder import write_sensors
 from uavbench.bench.twin.twin import spec_of
@@ -322,8 +320,6 @@ def test_what_needs_a_fixed_mount_refuses_a_gimbal_by_name(one, tmp_path):
         _ = one.cam_from_body
     with pytest.raises(UserError, match="no one mount converts its poses to those of the body"):
         mount_of(one.folder)
-    with pytest.raises(UserError, match="in closed loop the camera's mount is fixed"):
-        check_loop(LoopSpec(), replace(SPEC, cameras=(), clock=CameraClock()))
     with pytest.raises(UserError, match="poses of the body follow from those of a camera only with a fixed mount"):
         replace(SPEC, flight=FlightSpec(path=Recorded(frame="camera")))
     slow = replace(SPEC, cameras=(), mount=replace(GIMBAL, encoder=Encoder(rate_hz=0.2)))

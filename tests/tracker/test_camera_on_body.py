@@ -6,6 +6,7 @@ from scipy.stats import chi2
 
 from tests.tracker.flown_imu import CAM_FROM_BODY, body_rate, specific_force, velocity, world_from_body
 from uavbench.tracker.fusion.camera_on_body import KEPT_NS, FixedMount, MeasuredGimbal
+from uavbench.tracker.fusion.measurements import CameraPose
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
 from uavbench.tracker.fusion.vehicle_filter import VehicleFilter
 from uavbench.tracker.protocol import TrackResult
@@ -140,6 +141,16 @@ def test_innovations_are_consistent_where_the_noise_of_the_encoders_is_modelled_
     assert low <= np.mean(told) / 6 <= high
     ignored = np.concatenate([normalized(NOISY, PERFECT, seed) for seed in range(2)])
     assert np.mean(ignored) / 6 > 5
+
+
+def test_offsets_of_the_joints_can_be_all_of_the_slow_error():
+    """Its covariance is then singular, as the joints do not move the camera's centre."""
+    encoder = Encoder(noise_deg=0.1, zero_deg=0.2)
+    known = measured(gimbal(encoder), np.zeros((2, 3)), np.random.default_rng(0)).at(0)
+    pose = CameraPose.claimed(0, CAM_FROM_BODY, np.diag(SIGMAS**2), known, QUIET)
+    state = Estimate.at_rest(0, world_from_body(0.0), position_m=0.01, attitude_rad=0.01).pack()
+    slow = pose.innovation(state, np.zeros(3)).H[:, 15:]
+    np.testing.assert_allclose(slow @ slow.T, known.constant, atol=1e-15)
 
 
 def test_a_delayed_pose_is_applied_with_the_angles_at_its_own_stamp():

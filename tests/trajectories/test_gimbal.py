@@ -10,7 +10,8 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.gimbal.axes import GimbalAxis, PitchAxis, RollAxis, YawAxis, turned
-from uavbench.trajectories.gimbal.encoder import Encoder, EncoderReader
+from uavbench.trajectories.gimbal.encoder import Encoder
+from uavbench.trajectories.gimbal.encoders_in_flight import GimbalEncoders
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.servo import Servo
 from uavbench.trajectories.pose import Pose, quaternion_from_rotation, rotation_exp
@@ -317,19 +318,23 @@ class Growing:
         return self.whole.pose(row)
 
 
-def test_along_a_flight_in_progress_joints_and_readings_are_those_of_the_whole_one():
+@pytest.mark.parametrize("axes", ["yaw-roll-pitch", "roll-pitch"])
+def test_along_a_flight_in_progress_joints_and_readings_are_those_of_the_whole_one(axes):
     whole = flight(about(1, 0.3 * np.sin(np.linspace(0, 8, 400))))
-    gimbal = Gimbal(encoder=Encoder(rate_hz=130.0))
+    gimbal = Gimbal(axes=axes, encoder=Encoder(rate_hz=130.0))
     expected = gimbal.encoder.measure(gimbal.joints, gimbal.along(whole, TARGET_M), whole, stream(0, "gimbal"))
     growing = Growing(whole)
-    motion, reader = gimbal.along(growing, TARGET_M), EncoderReader(gimbal.encoder, 1000, stream(0, "gimbal"))
+    encoders = GimbalEncoders(gimbal, gimbal.along(growing, TARGET_M))
+    reader, joints = encoders.begin(1000, None, stream(0, "gimbal")), len(gimbal.joints)
+    assert (encoders.rate_hz, encoders.measured) == (130.0, expected.columns[:joints])
     true, read = [], []
     for stamp in expected.stamps_ns.tolist():
         while whole.stamps_ns[growing.flown - 1] < stamp:
             growing.flown += 1
-        true.append(motion.angles(np.array([stamp]))[0])
-        read.append(reader.read(true[-1][None])[0])
+        read.append(reader.read(whole, np.array([stamp]))[0])
+        true.append(encoders.motion.angles(np.array([stamp]))[0, -joints:])
     assert np.hstack([read, true]).tolist() == expected.values.tolist()
+    assert encoders.measure(whole, None, stream(0, "gimbal")).values.tolist() == expected.values.tolist()
 
 
 def test_the_noise_of_a_reading_is_that_of_the_data_sheet_and_of_its_rounding():

@@ -46,8 +46,9 @@ class FixedMount:
 class MeasuredGimbal:
     """A gimbal whose joints are known by their encoders alone.
 
-    Angles are those of the line through the two readings next to a time, also shortly after the latest one. Their noise
-    is that of the encoder's data sheet, to first order in the camera's pose; the error of the line is neglected.
+    Angles are interpolated linearly between the two readings next to a time, or extrapolated from the last two. Their
+    noise is that of the encoder's data sheet, to first order in the camera's pose; the error of the interpolation is
+    neglected.
     """
 
     def __init__(self, gimbal: Gimbal) -> None:

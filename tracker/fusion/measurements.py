@@ -85,9 +85,19 @@ class CameraPose:
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
         """Negative twist from the measured to the predicted camera, and its Jacobian."""
         twist, H = deviation(self.cam_from_world, self.cam_from_body, state)
-        L = np.linalg.cholesky(self.slow) if self.slow.any() else self.slow
+        L = _root(self.slow)
         H[:, SLOW] = -L
         return Innovation(L @ state[21:27] - twist, H, self.covariance)
+
+
+def _root(P: Array) -> Array:
+    """L (6, 6) with L L' = P, a continuous function of P: Cholesky's, of a singular P the symmetric one."""
+    if not P.any():
+        return P
+    if is_positive(P):
+        return np.asarray(np.linalg.cholesky(P))
+    values, vectors = np.linalg.eigh(P)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 class Deviation(NamedTuple):

@@ -46,6 +46,11 @@ class GimbalMotion:
         """`cam_from_body` at a time (ns)."""
         return self._gimbal.cam_from_body(*self.angles(np.array([stamp_ns]))[0])
 
+    def at_rest_on(self, world_from_body: Pose) -> Joints:
+        """Angles at which the joints come to rest on a body that rests at a pose: the commands, within the stops."""
+        commands = self._gimbal.commands(world_from_body, self._target_m)
+        return Joints(*(servo.angle for servo in self._servos_at(commands)))
+
     def angles(self, stamps_ns: NDArray[np.int64]) -> Array:
         """True angles (n, 3) of yaw, roll and pitch joint at times, rad; held beyond the first and last row."""
         latest_ns = int(np.max(stamps_ns, initial=int(self._stamps[0])))
@@ -64,10 +69,14 @@ class GimbalMotion:
         while len(self._rows) < rows:
             commands = self._gimbal.commands(self._motion.pose(len(self._rows)), self._target_m)
             if not self._rows:
-                step_s = int(self._stamps[1] - self._stamps[0]) / 1e9 if len(self._stamps) > 1 else 1.0
-                axes = zip(self._gimbal.axes_of_joints, commands, strict=True)
-                self._servos = tuple(Servo(axis, step_s, command) for axis, command in axes)
+                self._servos = self._servos_at(commands)
                 self._rows.append(Joints(*(servo.angle for servo in self._servos)))
             else:
                 moved = (servo.advance(command) for servo, command in zip(self._servos, commands, strict=True))
                 self._rows.append(Joints(*moved))
+
+    def _servos_at(self, commands: Joints) -> tuple[Servo, ...]:
+        """Servos at rest at their commands, in steps of the motion's rows."""
+        step_s = int(self._stamps[1] - self._stamps[0]) / 1e9 if len(self._stamps) > 1 else 1.0
+        axes = zip(self._gimbal.axes_of_joints, commands, strict=True)
+        return tuple(Servo(axis, step_s, command) for axis, command in axes)
