@@ -8,8 +8,10 @@ from scipy.stats import chi2
 
 from tests.bench.test_closed_loop import Watching, box, flown
 from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.eye import eye
 from uavbench.bench.closed_loop.spec import FilterSpec, LoopSpec
 from uavbench.bench.closed_loop.trackers import GroundTruth
+from uavbench.bench.filming.video import write_video
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.flown_mounts import MOUNT_COLUMNS, FlownMounts
 from uavbench.reports.closed_loop.measures import cameras_flown, cameras_planned, measure_flight, tracker_errors
@@ -17,7 +19,8 @@ from uavbench.scenes.dataset.body import body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.generate import generate
-from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import build_scene, obstacles_of
 from uavbench.scenes.spec import CameraSpec
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.camera_mount import Mount
@@ -30,6 +33,7 @@ from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.sensor import Table
 from uavbench.trajectories.simulation.flight import fly as fly_open_loop
+from uavbench.trajectories.trajectory import Trajectory
 
 PERFECT = Encoder(rate_hz=200.0, noise_deg=0.0, resolution_deg=0.0, zero_deg=0.0)
 SWAYING = FigureEight(period_s=1.5, loops=1, width_m=0.3, depth_m=0.05, height_m=0.6)
@@ -187,6 +191,27 @@ def test_a_flight_is_the_same_to_the_byte_and_measured_alike_when_it_is_loaded(t
     told, again = asdict(measure_flight(flights[0])), asdict(measure_flight(loaded))
     for name, value in told.items():
         assert again[name] == (pytest.approx(value, abs=1e-6) if isinstance(value, float) else value), name
+
+
+def test_a_video_shows_what_the_camera_saw_in_flight(tmp_path, monkeypatch):
+    """Up to the poses between the rows of path.csv and mounts.csv, which are 20 ms apart."""
+    spec, tracker, shown = gimballed(mount={"offset_m": (0.0, 0.0, 0.0)}), Watching(), []
+
+    def kept(flown, frame, image):
+        shown.append(image.copy())
+        return image
+
+    flown(spec, tracker, estimator="truth", time_limit_s=2.0).save(tmp_path / "flight")
+    monkeypatch.setattr("uavbench.bench.filming.video.with_overlay", kept)
+    write_video(spec, tmp_path / "flight", tmp_path / "video", "x", lambda done, whole: None)
+    assert len(shown) == len(tracker.seen["images"]) > 10
+    path, scene = Flown.load(tmp_path / "flight").path, build_scene(spec)
+    way = Trajectory(path.stamps_ns, path.group("true_p_m"), path.group("true_q"))
+    with eye(spec, scene, way, lambda stamp_ns: spec.mount.at_rest.cam_from_body) as source:
+        fixed = [encode(source.image(stamp)) for stamp, _ in tracker.seen["images"]]
+    seen = np.array([image for _, image in tracker.seen["images"]], dtype=float)
+    of_video, of_fixed = (np.abs(np.array(images) - seen).mean() for images in (shown, fixed))
+    assert of_video < 0.01 * of_fixed
 
 
 def test_poses_of_another_flight_and_numbers_that_are_no_pose_are_refused(tmp_path):
