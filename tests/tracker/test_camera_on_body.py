@@ -58,6 +58,21 @@ def test_perfect_encoders_give_the_pose_of_joints_that_turn_evenly(axes, at):
     assert not found.white.any() and not found.constant.any()
 
 
+def test_of_many_readings_the_two_next_to_a_time_count():
+    mount, rng = gimbal(PERFECT), np.random.default_rng(0)
+    stamps = np.cumsum(rng.integers(3, 20, size=7)) * 1_000_000
+    angles = rng.uniform(-0.5, 0.5, size=(7, 3))
+    known = MeasuredGimbal(mount)
+    for stamp, row in zip(stamps.tolist(), angles, strict=True):
+        known.read(stamp, row)
+    for at in np.linspace(stamps[0], stamps[-1], 50).astype(int).tolist():
+        expected = mount.cam_from_body(*(np.interp(at, stamps, column) for column in angles.T))
+        np.testing.assert_allclose(known.at(at).cam_from_body.matrix, expected.matrix, atol=1e-12)
+    late = int(stamps[-1]) + 2_000_000
+    ahead = angles[-1] + (angles[-1] - angles[-2]) * 2e6 / (stamps[-1] - stamps[-2])
+    np.testing.assert_allclose(known.at(late).cam_from_body.matrix, mount.cam_from_body(*ahead).matrix, atol=1e-12)
+
+
 def test_a_single_reading_holds_and_without_any_nothing_is_known():
     known = MeasuredGimbal(gimbal(NOISY))
     with pytest.raises(ValueError, match="no reading of the encoders yet"):
@@ -76,8 +91,9 @@ def test_readings_are_forgotten_when_they_are_old():
     for k in range(200):
         known.read(k * 10**9, np.array([k / 1000, 0.0, 0.0]))
     assert len(known._stamps) == len(known._angles) == KEPT_NS // 10**9 + 1
-    expected = gimbal(NOISY).cam_from_body(0.1985, 0.0, 0.0).matrix
-    np.testing.assert_allclose(known.at(198_500_000_000).cam_from_body.matrix, expected, atol=1e-12)
+    for at in (139.0, 150.5, 198.5):
+        expected = gimbal(NOISY).cam_from_body(at / 1000, 0.0, 0.0).matrix
+        np.testing.assert_allclose(known.at(round(at * 1e9)).cam_from_body.matrix, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 1.5])

@@ -318,6 +318,21 @@ class Growing:
         return self.whole.pose(row)
 
 
+def test_a_gimbal_at_rest_has_the_angles_of_its_commands_as_far_as_the_stops_allow():
+    gimbal = Gimbal(pitch_deg=-15.0, roll_axis=RollAxis(least_deg=-5.0))
+    motion = gimbal.along(flight(np.tile(np.eye(3), (2, 1, 1))), TARGET_M)
+    tilted = motion.at_rest_on(Pose(about(0, np.radians([3.0]))[0], np.zeros(3)))
+    assert np.degrees(tilted) == pytest.approx([0.0, -3.0, -15.0], abs=1e-9)
+    stopped = motion.at_rest_on(Pose(about(0, np.radians([20.0]))[0], np.zeros(3)))
+    assert np.degrees(stopped) == pytest.approx([0.0, -5.0, -15.0], abs=1e-9)
+
+
+def test_encoders_that_read_once_in_a_flight_are_refused():
+    Encoder(rate_hz=0.25).check(4.0)
+    with pytest.raises(UserError, match=r"rate_hz 0\.25: one reading takes 4 s, and the flight 3\.9 s"):
+        Encoder(rate_hz=0.25).check(3.9)
+
+
 @pytest.mark.parametrize("axes", ["yaw-roll-pitch", "roll-pitch"])
 def test_along_a_flight_in_progress_joints_and_readings_are_those_of_the_whole_one(axes):
     whole = flight(about(1, 0.3 * np.sin(np.linspace(0, 8, 400))))
