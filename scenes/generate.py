@@ -28,7 +28,7 @@ from uavbench.scenes.frames import Filming, write_frames
 from uavbench.scenes.png.encoder import ENCODING
 from uavbench.scenes.renderables import BuiltSite
 from uavbench.scenes.rendering import context as gl
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
 from uavbench.trajectories import reproducible_math as exact
@@ -68,6 +68,7 @@ def generate(
     for camera in cameras:
         check_site(spec, camera, scene.site, flight)
     exposures = [exposures_of(spec, camera, flight) for camera in cameras]
+    lenses = [lens_of(spec, camera) for camera in cameras]
     for camera in others:
         check_further_camera(spec, camera, scene, flight)
     mounts = [camera.mount.along(flight, scene.built.structure.bounds.mean(axis=0)) for camera in cameras]
@@ -80,8 +81,8 @@ def generate(
             if isinstance(mount, GimbalMotion)
         }
         delays = {
-            camera.name: film(folder_of(new, camera), spec, camera, Footage(scene, flight, each, mount), done)
-            for camera, each, mount in zip(cameras, exposures, mounts, strict=True)
+            camera.name: film(folder_of(new, camera), spec, camera, Footage(scene, flight, each, mount, lens), done)
+            for camera, each, mount, lens in zip(cameras, exposures, mounts, lenses, strict=True)
         }
         save_structure(scene.built.structure, new)
         summary = flown_summary(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed, flight)
@@ -106,6 +107,14 @@ def exposures_of(spec: SequenceSpec, camera: BodyCamera, flight: Flight) -> Expo
     """Exposures of a camera along a flight; UserError for a rate or an offset that the flight cannot provide."""
     try:
         return spec.clock.exposures(flight, spec.rate_hz, stream(spec.seed, "clock"), camera.offset_s)
+    except UserError as error:
+        raise UserError(f"sequence {spec.name}: {camera.name}: {error}") from None
+
+
+def lens_of(spec: SequenceSpec, camera: BodyCamera) -> RenderCamera:
+    """What is rendered for a camera of a spec; UserError for a lens that cannot be rendered."""
+    try:
+        return render_camera(camera.camera.camera(), max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     except UserError as error:
         raise UserError(f"sequence {spec.name}: {camera.name}: {error}") from None
 
@@ -145,12 +154,16 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """What a camera records: a scene, along a flight, at its exposures, on a mount: `cam_from_body` at a time (ns)."""
+    """What a camera records: a scene, along a flight, at its exposures, through a lens.
+
+    mount: `cam_from_body` at a time (ns).
+    """
 
     scene: Scene
     flight: Flight
     exposures: Exposures
     mount: Callable[[int], Pose]
+    lens: RenderCamera
 
 
 def film(
@@ -158,7 +171,7 @@ def film(
 ) -> float:
     """Write the frames and calibration of a camera into a folder; returns the delay between rows, ns."""
     scene, flight, camera = footage.scene, footage.flight, on_body.camera.camera()
-    pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
+    pinhole, lens = footage.lens
     path, blur_px = mounted_path(flight, footage.mount), on_body.camera.lens_blur_px
     with (
         scene.renderer(pinhole.width, pinhole.height) as renderer,

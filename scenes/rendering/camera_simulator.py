@@ -237,7 +237,7 @@ def render_camera(camera: Camera, margin_px: int = 0) -> RenderCamera:
         np.isfinite(place).all() and ((high - low) < LARGEST_RENDER * np.array([camera.width, camera.height])).all()
     ):
         raise UserError(
-            "camera: with this distortion some pixels are too far off-axis to be rendered (the field of view of a "
+            "with this distortion some pixels are too far off-axis to be rendered (the field of view of a "
             "fisheye is limited to about 120 degrees); lower the distortion or raise fx_px and fy_px"
         )
     rays = np.column_stack([(place - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(place))])
@@ -245,7 +245,7 @@ def render_camera(camera: Camera, margin_px: int = 0) -> RenderCamera:
     if not off_px.max() < LEAST_ROUND_TRIP_PX:
         u, v = pixels[int(np.argmax(off_px))]
         raise UserError(
-            f"camera: the distortion folds over before pixel ({u:.0f}, {v:.0f}), which no ray reaches; "
+            f"the distortion folds over before pixel ({u:.0f}, {v:.0f}), which no ray reaches; "
             "lower its coefficients, add the higher ones, or raise fx_px and fy_px"
         )
     width, height = (int(n) for n in high - low)

@@ -342,6 +342,22 @@ def test_a_camera_in_the_structure_and_a_shift_beyond_the_flight_are_named(tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_lens_that_cannot_be_rendered_is_named_with_its_camera_before_any_frame(tmp_path: Path) -> None:
+    fisheye = replace(CAMERA, horizontal_fov_deg=100.0, distortion_model="equidistant", distortion=(0.0, 0.0, 0.0, 0.0))
+    frames: list[int] = []
+    with pytest.raises(UserError, match=r"^sequence one: right: with this distortion some pixels are too far off-axis"):
+        generate(
+            replace(ONE, cameras=(replace(RIGHT, camera=fisheye),)),
+            tmp_path / "off",
+            content_hash="",
+            on_frame=lambda done, _: frames.append(done),
+        )
+    with pytest.raises(UserError, match=r"^sequence one: camera: with this distortion some pixels"):
+        generate(replace(ONE, camera=fisheye), tmp_path / "off", content_hash="")
+    assert frames == []
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_images_of_a_further_camera_are_compared_by_tolerance_and_the_rest_by_bytes(
     three: Sequence, tmp_path: Path
 ) -> None:
