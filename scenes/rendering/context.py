@@ -36,6 +36,8 @@ OFTEN = {
     "glUseProgram": "u",
 }
 """Functions that are called for every mesh of a frame, with the types of their arguments (see `TYPES`)."""
+CLIP_CONTROL = "glClipControl"
+"""The one function of OpenGL 4.5 that is called; with OSMesa PyOpenGL does not find it."""
 TYPES: dict[str, Any] = {
     "b": ctypes.c_ubyte,
     "f": ctypes.c_float,
@@ -86,6 +88,11 @@ def functions() -> Any:
         name: ctypes.CFUNCTYPE(None, *(TYPES[letter] for letter in letters))((name, PLATFORM.GL))
         for name, letters in OFTEN.items()
     }
+    place = PLATFORM.getExtensionProcedure(CLIP_CONTROL.encode())
+    if not place:
+        raise GLUnavailableError(f"{version()} has no {CLIP_CONTROL}, of OpenGL 4.5; update it with: {PACKAGES}")
+    address = int(ctypes.cast(place, ctypes.c_void_p).value or 0)
+    bound[CLIP_CONTROL] = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_uint)(address)
     return types.SimpleNamespace(**(vars(GL) | bound))
 
 

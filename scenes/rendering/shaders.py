@@ -216,9 +216,9 @@ uniform mat4 world_from_clip;
 out vec3 ray;
 void main() {
     vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0;
-    vec4 far = world_from_clip * vec4(corner, 1.0, 1.0);
+    vec4 far = world_from_clip * vec4(corner, 0.0, 1.0);
     ray = far.xyz / far.w;
-    gl_Position = vec4(corner, 1.0, 1.0);
+    gl_Position = vec4(corner, 0.0, 1.0);
 }
 """
 

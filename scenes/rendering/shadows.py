@@ -67,6 +67,9 @@ class ShadowMap:
         GL.glDrawBuffer(GL.GL_NONE)
         GL.glViewport(0, 0, *size)
         GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_NEGATIVE_ONE_TO_ONE)
+        GL.glDepthFunc(GL.GL_LESS)
+        GL.glClearDepth(1.0)
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
         for mesh in casting:
             program = programs[mesh.cutout]

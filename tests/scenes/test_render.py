@@ -112,6 +112,21 @@ def test_depth_and_instances_are_those_of_the_surface(camera: Camera) -> None:
     assert instances[0, 0] == 0
 
 
+@pytest.mark.parametrize("distance_m", [1.0, 30.0, 120.0, 600.0])
+def test_a_pane_2_mm_before_a_wall_is_drawn_at_every_distance(distance_m: float) -> None:
+    # As in facades: a depth buffer of integers from a near plane of 5 cm mixes the two from 25 m on.
+    wall = white_box((distance_m, -500.0, -500.0), (distance_m + 1.0, 500.0, 500.0), instance=2)
+    pane = white_box((distance_m - 0.002, -0.3 * distance_m, -0.3 * distance_m), (distance_m, 500.0, 500.0), instance=7)
+    camera = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
+    pose = Pose(rotation_exp(np.array([0.0, 0.0, 0.3])), np.zeros(3)) @ looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    with Renderer((wall, pane), FLAT_LIGHT, camera.width, camera.height) as renderer:
+        instances = renderer.geometry(pose, camera).instances
+    rays = camera.rays(np.argwhere(np.ones((120, 160)))[:, ::-1].astype(float)) @ pose.rotation
+    at = (rays[:, 1:] / rays[:, :1]).reshape(120, 160, 2)
+    assert set(instances[(at > -0.29).all(axis=2)].tolist()) == {7}
+    assert set(instances[(at < -0.31).any(axis=2)].tolist()) == {2}
+
+
 def test_a_mover_is_drawn_where_it_is_at_that_time(camera: Camera) -> None:
     ball = white_box((2.0, -0.1, -0.1), (2.2, 0.1, 0.1), instance=9)
     mover = Mover(ball, lambda t: Pose(np.eye(3), np.array([0.0, t, 0.0])))
