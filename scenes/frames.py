@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera_path import camera_path
-from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_edges, write_mask
+from uavbench.scenes.dataset.annotations import as_camera, row_poses, write_depth, write_edges, write_mask
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
 from uavbench.scenes.dataset.gimbal_files import write_mounts
 from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
@@ -30,7 +30,7 @@ from uavbench.trajectories.sensors.sensor import sampled
 class Filming:
     """A camera in flight: its simulator and mount, the structure in view, and the ground truth derived from frames.
 
-    mount: `cam_from_body` at a time (ns).
+    mount: `cam_from_body` at a time (ns); surfaces: writer of what the rays of pixels meet.
     """
 
     source: CameraSimulator
@@ -90,13 +90,16 @@ def write_annotations(
     folder: Path, spec: SequenceSpec, frame: int, filming: Filming, image: NDArray[np.uint8], time_ns: int
 ) -> None:
     """Write the annotations that a spec requests of a frame exposed at time_ns."""
-    if {"depth", "mask", "edges"} & set(spec.annotations):
-        source, view = filming.source, filming.source.render(time_ns)
-        if "depth" in spec.annotations:
-            write_depth(folder, frame, source, view)
-        if "mask" in spec.annotations:
-            write_mask(folder, frame, source, view)
-        if "edges" in spec.annotations:
+    asked, source = set(spec.annotations), filming.source
+    if filming.surfaces is not None:
+        asked -= filming.surfaces.annotations
+    if {"depth", "mask", "edges"} & asked:
+        view = source.render(time_ns)
+        if "depth" in asked:
+            write_depth(folder, frame, as_camera(source, view.depth))
+        if "mask" in asked:
+            write_mask(folder, frame, as_camera(source, view.instances))
+        if "edges" in asked:
             write_edges(folder, frame, source, view, filming.structure, image)
     if filming.surfaces is not None:
         filming.surfaces.write(frame, time_ns)

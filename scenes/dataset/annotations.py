@@ -26,17 +26,17 @@ MOST_PLACES = 32766
 """Most places that OpenCV's `remap` samples in one row."""
 
 
-def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
+def write_depth(folder: Path, frame: int, depth_m: NDArray[np.float32]) -> None:
     """Write `depth/NNNNNN.png`: along the optical axis at the frame's stamp, 16 bits of DEPTH_M_PER_UNIT metres."""
-    depth = np.ascontiguousarray(_as_camera(source, view.depth), dtype=np.float32)
+    depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     units = np.empty(depth.shape, dtype=np.uint16)
     depth_units(depth.reshape(-1), DEPTH_M_PER_UNIT, units.reshape(-1))
     _write(folder / "depth" / f"{frame:06d}.png", units)
 
 
-def write_mask(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
+def write_mask(folder: Path, frame: int, instances: NDArray[np.uint8]) -> None:
     """Write `mask/NNNNNN.png`: 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 everything else."""
-    _write(folder / "mask" / f"{frame:06d}.png", _as_camera(source, view.instances))
+    _write(folder / "mask" / f"{frame:06d}.png", instances)
 
 
 def write_edges(
@@ -154,8 +154,8 @@ def load_edges(sequence: Sequence, frame: int) -> Array:
     return read_numbers(edges_file(sequence, frame), EDGE_COLUMNS)
 
 
-def _as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
-    """Image of the pinhole resampled to the distorted camera, nearest neighbour."""
+def as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
+    """Image of the pinhole cropped to the camera without distortion, whose pixels are some of the pinhole's."""
     if source.lens is None:
         return image
     column, row = (np.rint(source.lens[..., k]).astype(int) for k in (0, 1))

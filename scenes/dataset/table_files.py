@@ -23,7 +23,7 @@ FORMAT = 5
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
 3: shadows outdoors reach ground that lies deeper, seen from the sun, than all that casts them.
 4: edges by the outlines of triangles, before by four samples per pixel.
-5: what lies 2 mm before a surface is before it at all distances.
+5: what lies 2 mm before a surface is before it at all distances; with distortion, depth and masks at pixel centres.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

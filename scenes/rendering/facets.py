@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.renderables import Mover, Part
-from uavbench.trajectories.geometry.surfaces import barycentric
 from uavbench.trajectories.pose import Array, Pose
 
 NONE = -1
 """Row of no facet: background or sky."""
-ON_BORDER = 1e-9
-"""Tolerance of barycentric coordinates for points on the border of a triangle."""
 Rows = NDArray[np.int64]
 
 
@@ -36,17 +33,6 @@ class Planes:
             share = (self.offsets_m[rows] - normals @ origin) / np.einsum("ij,ij->i", normals, rays)
         return np.where(share > 0, share, np.inf)
 
-    def through(self, rows: Rows, origin: Array, rays: Array) -> Array:
-        """Ray parameters (k,) as `along`, but inf where a ray misses the facet itself, or its row is NONE."""
-        share = np.full(len(rows), np.inf)
-        there = np.flatnonzero(rows != NONE)
-        share[there] = self.along(rows[there], origin, rays[there])
-        there = there[np.isfinite(share[there])]
-        places = origin + share[there, None] * rays[there]
-        beside = (barycentric(self.corners_m[rows[there]], places) < -ON_BORDER).any(axis=1)
-        share[there[beside]] = np.inf
-        return share
-
 
 class DrawnPart(NamedTuple):
     """A part that is drawn, and its motion, None for a static part."""
@@ -60,11 +46,13 @@ class Facets:
     """Triangles of all drawn meshes, concatenated.
 
     first (m,): row of the first triangle of each mesh; corners_m (n, 3, 3) in the frame of the part, which is the world
-    for static parts; movers: rows and motion of each moving mesh; has_sky: whether the background is a sky.
+    for static parts; instances (n,) of their parts; movers: rows and motion of each moving mesh; has_sky: whether the
+    background is a sky.
     """
 
     first: Rows
     corners_m: Array
+    instances: NDArray[np.uint8]
     movers: tuple[tuple[slice, Mover], ...]
     has_sky: bool
 
@@ -79,7 +67,8 @@ class Facets:
             for begin, count, (_, mover) in zip(first, counts, drawn, strict=True)
             if mover is not None
         )
-        return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), movers, has_sky)
+        instances = np.repeat([part.instance for part, _ in drawn], counts).astype(np.uint8)
+        return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), instances, movers, has_sky)
 
     def planes(self, time_s: float) -> Planes:
         """Planes of all facets at a time in seconds, world frame."""

@@ -73,8 +73,7 @@ class Renderer:
         self.facets = Facets.of(
             [DrawnPart(mesh.part, mover) for mesh, mover, _ in self._meshes], has_sky=sky is not None
         )
-        instances = [mesh.part.instance for mesh, _, _ in self._meshes]
-        self._outlines = Outlines(self.facets, [number for _, _, number in self._meshes], instances)
+        self._outlines = Outlines(self.facets, [number for _, _, number in self._meshes])
         boxes = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in parts]
         self._boxes = np.array(boxes).reshape(-1, 2, 3)
         self._sky = None if sky is None else self._texture(sky, mipmap=False)

@@ -9,6 +9,7 @@ import pytest
 
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.annotations import read_depth
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, OUTSIDE, SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceTruth
@@ -35,7 +36,7 @@ SPEC = SequenceSpec(
         width=200, height=150, horizontal_fov_deg=75.0, distortion_model="radtan", distortion=(-0.2, 0.05, 1e-3, -1e-3)
     ),
     sensors=(),
-    annotations=("mask", "flow", "normals"),
+    annotations=("depth", "mask", "flow", "normals"),
 )
 
 
@@ -95,6 +96,23 @@ def test_flow_is_the_projected_motion_of_the_meshs_points(which: str, request: p
     assert checked > 3000
     assert worst < 0.0085  # half of 1/64 px, the form's rounding; asked for: 0.02
     assert sequence[len(sequence) - 1].flow_px is None
+
+
+@pytest.mark.parametrize("which", ["sequence", "pinhole"])
+def test_depth_is_that_of_the_point_at_the_pixels_centre(which: str, request: pytest.FixtureRequest) -> None:
+    sequence = request.getfixturevalue(which)
+    for frame in range(len(sequence)):
+        pixels, points, _ = faces_met(sequence, frame)
+        expected = sequence.true_cam_from_world(frame).transform(points)[:, 2]
+        error = np.abs(read_depth(sequence, frame)[pixels[:, 1], pixels[:, 0]] - expected)
+        assert error.max() < 0.00051  # half of the files' millimetre; of the nearest pixel of a pinhole, several
+
+
+def test_depth_and_mask_are_the_same_with_and_without_other_annotations(sequence: Sequence, tmp_path: Path) -> None:
+    generate(replace(SPEC, annotations=("depth", "mask")), tmp_path / "fewer", content_hash="")
+    for name in ("depth/000001.png", "mask/000001.png"):
+        assert (tmp_path / "fewer" / name).read_bytes() == (sequence.folder / name).read_bytes()
+    assert not (tmp_path / "fewer" / "normals").exists()
 
 
 @pytest.mark.parametrize("which", ["sequence", "pinhole"])

@@ -1,9 +1,9 @@
-"""Ground truth of the surfaces in a frame: optical flow to the next frame, occlusion, and normals.
+"""Ground truth of the surfaces in a frame: optical flow to the next frame, occlusion, normals; with distortion, depth.
 
-Every pixel is traced to the triangle that it shows, and the ray is intersected with its plane in float64, so flow and
-normals are exact up to the rounding of their files. Flow is the motion of the surface point at a pixel's centre from
-one frame to the next: on moving objects (people, birds) that of their rigid part, on the sky that of the camera's
-rotation alone. Normals are those of the triangles, not the interpolated ones of smooth shading.
+Every pixel is traced to the triangle that it shows, and the ray is intersected with its plane in float64, so flow,
+normals and depth are exact up to the rounding of their files. Flow is the motion of the surface point at a pixel's
+centre from one frame to the next: on moving objects (people, birds) that of their rigid part, on the sky that of the
+camera's rotation alone. Normals are those of the triangles, not the interpolated ones of smooth shading.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.dataset.annotations import write_depth, write_mask
 from uavbench.scenes.dataset.surfaces.surface_files import (
     FLOW_UNITS_PER_PX,
     FLOW_ZERO,
@@ -23,8 +24,9 @@ from uavbench.scenes.dataset.surfaces.surface_files import (
     SEEN,
     UNKNOWN,
 )
+from uavbench.scenes.dataset.surfaces.trace_kernels import trace
 from uavbench.scenes.png.encoder import png
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
 from uavbench.scenes.rendering.facets import NONE, Planes, Rows
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.pose import Array, Pose
@@ -76,29 +78,31 @@ class SurfaceTruth:
         centres = (self._at - [pinhole.cx, pinhole.cy]) / [pinhole.fx, pinhole.fy]
         self._centre_rays = np.column_stack([centres, np.ones(len(centres))])
         self._base = self._at if source.lens is None else np.floor(place).astype(np.int64)
-        self._steps, self._sure = (RING, 1) if source.lens is None else (SQUARE, len(CORNERS))
+        self._steps = np.array(RING if source.lens is None else SQUARE, dtype=np.int64)
+        self._sure = 1 if source.lens is None else len(CORNERS)
 
     def view(self, time_ns: int) -> SurfaceView:
         """Facets and depths of all pixels at a time in ns."""
         pose, facets = self._source.cam_from_world(time_ns), self._renderer.facets
-        seen = self._renderer.facets_seen(pose, self._source.pinhole, time_ns * 1e-9)
+        seen = np.ascontiguousarray(self._renderer.facets_seen(pose, self._source.pinhole, time_ns * 1e-9))
         planes, world_from_cam = facets.planes(time_ns * 1e-9), pose.inverse()
         rays, eye = self._rays @ world_from_cam.rotation.T, world_from_cam.translation
-        rows = seen[self._at[:, 1], self._at[:, 0]]
-        depths = np.full(len(rows), np.inf if facets.has_sky else np.nan)
-        there = rows != NONE
-        best = np.full(len(rows), np.inf)
-        for number, step in enumerate(self._steps):
-            asked = np.arange(len(rows)) if number < self._sure else np.flatnonzero(there & ~np.isfinite(best))
-            other = _shifted(seen, self._base[asked], step)
-            share = planes.through(other, eye, rays[asked])
-            nearer = share < best[asked]
-            best[asked[nearer]], rows[asked[nearer]] = share[nearer], other[nearer]
-        met = np.isfinite(best)
-        depths[met] = best[met]
-        beside = there & ~met  # rays close to a border are assigned to the facet of the rendered pixel
-        depths[beside] = planes.along(rows[beside], eye, self._centre_rays[beside] @ world_from_cam.rotation.T)
+        centre_rays = self._centre_rays @ world_from_cam.rotation.T
+        rows = np.empty(len(rays), dtype=np.int64)
+        depths = np.full(len(rays), np.inf if facets.has_sky else np.nan)
+        pixels, tried = (self._at, self._base), (self._steps, self._sure)
+        places = (planes.normals, planes.offsets_m, planes.corners_m)
+        trace(seen, pixels, tried, places, (eye, rays, centre_rays), rows, depths)
         return SurfaceView(time_ns, pose, seen, rows, planes, depths)
+
+    def geometry(self, view: SurfaceView) -> Geometry:
+        """Depth (h, w) along the optical axis in metres, 0 where there is no surface, and instances (h, w)."""
+        size = self._source.camera.height, self._source.camera.width
+        there = view.rows != NONE
+        instances = np.zeros(len(view.rows), dtype=np.uint8)
+        instances[there] = self._renderer.facets.instances[view.rows[there]]
+        depths = np.where(there & np.isfinite(view.depths_m), view.depths_m, 0.0)
+        return Geometry(depths.astype(np.float32).reshape(size), instances.reshape(size))
 
     def normals(self, view: SurfaceView) -> Array:
         """Unit normals (h, w, 3) in the camera's frame, towards the camera; NaN where there is no surface."""
@@ -182,26 +186,36 @@ def _shifted(seen: Rows, pixels: NDArray[np.int64], step: tuple[int, int]) -> Ro
 
 
 class SurfaceFiles:
-    """Writer of flow, occlusion and normals of a camera's frames; flow is written with the following frame."""
+    """Writer of some annotations of a camera's frames; flow and occlusion are written with the following frame."""
 
-    def __init__(self, folder: Path, annotations: tuple[str, ...], truth: SurfaceTruth) -> None:
-        self._folder, self._annotations, self._truth = folder, annotations, truth
+    def __init__(self, folder: Path, annotations: set[str], truth: SurfaceTruth) -> None:
+        self._folder, self.annotations, self._truth = folder, annotations, truth
         self._last: tuple[int, SurfaceView] | None = None
 
     @classmethod
     def asked(
         cls, folder: Path, annotations: tuple[str, ...], renderer: Renderer, source: CameraSimulator
     ) -> "SurfaceFiles | None":
-        """Writer for the requested annotations; None when none of these is requested."""
-        wanted = {"flow", "normals"} & set(annotations)
-        return cls(folder, annotations, SurfaceTruth(renderer, source)) if wanted else None
+        """Writer of those requested annotations that need the rays of pixels; None when none of them is requested.
+
+        Depth and masks need them with distortion: the pinhole's pixels lie up to half a pixel beside the camera's.
+        """
+        traced = {"flow", "normals"} | ({"depth", "mask"} if source.camera.distortion_model != "none" else set())
+        wanted = traced & set(annotations)
+        return cls(folder, wanted, SurfaceTruth(renderer, source)) if wanted else None
 
     def write(self, frame: int, time_ns: int) -> None:
-        """Write the normals of a frame exposed at time_ns, and the flow from the previous frame to it."""
+        """Write the annotations of a frame exposed at time_ns, and the flow from the previous frame to it."""
         view = self._truth.view(time_ns)
-        if "normals" in self._annotations:
+        if {"depth", "mask"} & self.annotations:
+            seen = self._truth.geometry(view)
+            if "depth" in self.annotations:
+                write_depth(self._folder, frame, seen.depth_m)
+            if "mask" in self.annotations:
+                write_mask(self._folder, frame, seen.instances)
+        if "normals" in self.annotations:
             write_normals(self._folder, frame, self._truth.normals(view))
-        if "flow" in self._annotations:
+        if "flow" in self.annotations:
             if self._last is not None:
                 write_flow(self._folder, self._last[0], *self._truth.flow(self._last[1], view))
             self._last = frame, view

@@ -34,16 +34,16 @@ class Moment(NamedTuple):
 
 
 class Outlines:
-    """Facets of drawn meshes, with the number of each mesh's part, and its instance."""
+    """Facets of drawn meshes, with the number of each mesh's part."""
 
-    def __init__(self, facets: Facets, parts: Sequence[int], instances: Sequence[int]) -> None:
+    def __init__(self, facets: Facets, parts: Sequence[int]) -> None:
         counts = np.diff(facets.first, append=len(facets.corners_m))
         self._facets, self._seen = facets, np.empty(len(facets.corners_m) + 1, dtype=np.int64)
         corners, part = facets.corners_m.copy(), np.repeat(np.array(parts, dtype=np.int64), counts)
         opposite, plane, scratch = opposite_facets(corners, part), np.empty_like(part), np.empty((len(corners), 4, 3))
         number_planes(corners, opposite, plane)
         self._table = FacetTable(corners, part, opposite, plane, np.zeros((3, 4)), scratch)
-        self._instance = np.concatenate([[0], np.repeat(instances, counts)]).astype(np.uint8)
+        self._instance = np.concatenate([[0], facets.instances]).astype(np.uint8)
 
     def image(self, color: NDArray[np.uint8], numbers: NDArray[np.float32], moment: Moment) -> NDArray[np.uint8]:
         """Antialiased image (h, w, 3) BGR of what was rendered at pixel centres, see `antialias`."""
