@@ -22,6 +22,7 @@ import pytest
 
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.speed.fill_rate import fill_s
 from uavbench.bench.speed.rounds import absent, figure
 from uavbench.scenes import generate as g
 from uavbench.scenes.effects.exposure import RollingShutter
@@ -35,7 +36,7 @@ from uavbench.trajectories.sensors.sensor import sample_stamps
 from uavbench.trajectories.simulation.flight import fly
 
 ASKED_FPS = {"box": 60.0, "bridge": 25.0}
-RENDERED_ANNOTATIONS = ("depth", "mask", "edges")
+RENDERED_ANNOTATIONS: tuple[Any, ...] = ("depth", "mask", "edges")
 """Annotations that a frame's goal is held against; flow and normals, which trace every pixel, take far longer."""
 FRAMES = 40
 by_processor_time = pytest.mark.benchmark(timer=time.process_time)
@@ -90,6 +91,15 @@ def test_final_frames(benchmark: Any, tmp_path: Path, suite: str, annotations: t
     """Frames of a suite's first sequence without its motion blur; the bridge includes its trees and birds."""
     fps = 1 / timed(benchmark, replace(first_of(suite), effects=(Noise(),), annotations=annotations), tmp_path)
     benchmark.extra_info.update(fps=fps, times_asked=fps / ASKED_FPS[suite])
+
+
+@by_processor_time
+@pytest.mark.parametrize("suite", list(ASKED_FPS))
+def test_final_frames_against_the_raw_fill_rate(benchmark: Any, tmp_path: Path, suite: str) -> None:
+    """Pixels of the same frames per second, over those that one triangle of one colour covers."""
+    spec = replace(first_of(suite), effects=(Noise(),), annotations=RENDERED_ANNOTATIONS)
+    frame_s, fill = timed(benchmark, spec, tmp_path), fill_s(spec.camera.width, spec.camera.height)
+    benchmark.extra_info.update(percent_of_fill_rate=100 * fill / frame_s, fill_fps=1 / fill)
 
 
 @by_processor_time
