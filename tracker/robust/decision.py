@@ -141,7 +141,8 @@ class Decider:
         found = self.relocator.search(
             Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow)
         )
-        searched = not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
+        # Before the first pose is accepted there is no track that a search could end at.
+        searched = first or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
         enough = self.state.holds(found.fit, frame.predicted, searched)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
@@ -155,5 +156,5 @@ class Decider:
             return Decision(found.fit, True, searched=searched)
         tracked = not first and not slow and not self.state.is_lost
         if settled or (tracked and (holds or self.state.is_there(fit, frame.predicted))):
-            return Decision(fit, True)
+            return Decision(fit, True, searched=first)
         return Decision(found.fit, False, rivalled)
