@@ -49,7 +49,7 @@ from uavbench.tracker.results import MARKER
 VERBS = ("render", "track", "score", "report")
 FLIGHT_VERBS = ("fly", "score", "video", "report")
 START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
-"""Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
+"""Seconds of a sequence, an image rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
 FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
 """Seconds of a flight's score, most of it the coverage, and of its figure."""
 VIDEO_S = 1.0
@@ -87,6 +87,14 @@ def frames(spec: Spec) -> float:
     return float(getattr(path, "duration_s", None) or 60.0) * spec.rate_hz
 
 
+def images(spec: Spec) -> float:
+    """Images of all cameras of a sequence, by their pixels in images of 640x480."""
+    if not isinstance(spec, SequenceSpec):
+        return frames(spec)
+    pixels = sum(camera.width * camera.height for camera in (spec.camera, *(other.camera for other in spec.cameras)))
+    return frames(spec) * pixels / (640 * 480)
+
+
 def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
     packages = ("trajectories", "scenes", *(["tracker"] if isinstance(spec, RecordingSpec) else []))
@@ -99,7 +107,7 @@ def _render_job(spec: Spec, folder: Path) -> Job:
         root=folder,
         lists=RECORDED if isinstance(spec, RecordingSpec) else RENDERED,
         content_hash=content_hash(spec, code_hash(*packages)),
-        weight=START_S + RENDER_S * frames(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
+        weight=START_S + RENDER_S * images(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
     )
 
 

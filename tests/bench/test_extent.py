@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.extent import extents, shortfalls
+from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.tasks import Render
 from uavbench.trajectories.simulation.summary import FlightSummary
 
@@ -57,6 +58,26 @@ def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
     assert "hasty: path orbit: at most 0.56 of the requested 1.5 m/s" in done.output
     assert "never: path orbit: duration_s 2: 7.85 m from rest to rest take" in done.output
     assert not (tmp_path / "out").exists()
+
+
+def test_the_time_of_a_sequence_counts_the_pixels_of_all_cameras(suite):
+    """Time beyond that of one frame is proportional to images: two more of a quarter each, half as much again."""
+    camera = "{ width = 320, height = 240, horizontal_fov_deg = 60.0 }"
+    two = ", ".join(f"{{ name = '{name}', camera = {camera} }}" for name in ("left", "right"))
+    rig = suite.with_name("rig.toml")
+    rig.write_text(
+        "title = 'Rig'\nseeds = [0]\nrates_hz = [5.0]\n"
+        + "".join(
+            f"[sequences.{name}]\nstructure = {{ kind = 'box' }}\nenvironment = {{ kind = 'indoor' }}\n"
+            f"flight.path = {{ kind = 'hand-pilot', duration_s = {seconds} }}\ncameras = [{cameras}]\n"
+            for name, seconds, cameras in [("short", 4.0, ""), ("long", 8.0, ""), ("rig", 8.0, two)]
+        )
+        + "[trackers]\nhold = { kind = 'hold' }\n"
+    )
+    short, long, several = (
+        job.weight for job in plan(load_suite(rig), rig.parent / "out", last="render") if job.verb == "render"
+    )
+    assert several - long == pytest.approx(0.5 * 2 * (long - short))
 
 
 LOOP = """
