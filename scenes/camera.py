@@ -19,6 +19,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
 DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
+MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 
 
 @dataclass(frozen=True)
@@ -138,3 +139,11 @@ class Camera:
 
 def _pixels(points: NDArray[Any]) -> Array:
     return points.reshape(-1, 2).astype(np.float64)
+
+
+def camera_array(camera: Camera) -> Array:
+    """A camera as an array (11,) for kernels: see `kernels.lens`."""
+    out = np.zeros(11)
+    out[:5] = [camera.fx, camera.fy, camera.cx, camera.cy, MODELS[camera.distortion_model]]
+    out[5 : 5 + len(camera.distortion)] = camera.distortion
+    return out

@@ -102,7 +102,11 @@ def write_annotations(
         if "edges" in asked:
             write_edges(folder, frame, source, view, filming.structure, image)
     if filming.surfaces is not None:
-        filming.surfaces.write(frame, time_ns)
+        seen = filming.surfaces.write(frame, time_ns)
+        if seen is not None and "depth" in filming.surfaces.annotations:
+            write_depth(folder, frame, seen.depth_m)
+        if seen is not None and "mask" in filming.surfaces.annotations:
+            write_mask(folder, frame, seen.instances)
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:

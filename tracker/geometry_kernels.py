@@ -1,6 +1,6 @@
-"""Compiled geometry: lens, SO(3) and SE(3), clipping, small linear systems.
+"""Compiled geometry: SO(3) and SE(3), clipping, small linear systems.
 
-A camera is an array (11,): fx fy cx cy, model (0 none, 1 radtan, 2 equidistant), k1..k5; see `camera_array`.
+A camera is an array (11,); see `scenes.camera.camera_array`.
 """
 
 import math
@@ -8,19 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.camera import Camera
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.lens import distort
 from uavbench.trajectories.pose import Array
-
-MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
-
-
-def camera_array(camera: Camera) -> Array:
-    """A camera as an array (11,) for the kernels."""
-    out = np.zeros(11)
-    out[:5] = [camera.fx, camera.fy, camera.cx, camera.cy, MODELS[camera.distortion_model]]
-    out[5 : 5 + len(camera.distortion)] = camera.distortion
-    return out
 
 
 class RigidMotion(NamedTuple):
@@ -28,42 +18,6 @@ class RigidMotion(NamedTuple):
 
     R: Array
     t: Array
-
-
-class ImagePoint(NamedTuple):
-    """A point of the image plane: normalized coordinates, or a pixel."""
-
-    x: float
-    y: float
-
-
-@compiled("f0 f0 f1", inner=True)
-def distort(x: float, y: float, cam: Array) -> ImagePoint:
-    """Distorted normalized coordinates (Brown-Conrady; Kannala & Brandt 2006)."""
-    if cam[4] == 0.0:
-        return ImagePoint(x, y)
-    r2 = x * x + y * y
-    if cam[4] == 1.0:
-        k1, k2, p1, p2, k3 = cam[5], cam[6], cam[7], cam[8], cam[9]
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return ImagePoint(
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
-    r = math.sqrt(r2)
-    if r < 1e-9:
-        return ImagePoint(x, y)
-    theta = math.atan(r)
-    t2 = theta * theta
-    scale = theta * (1.0 + t2 * (cam[5] + t2 * (cam[6] + t2 * (cam[7] + t2 * cam[8])))) / r
-    return ImagePoint(x * scale, y * scale)
-
-
-@compiled("f0 f0 f0 f1", inner=True)
-def project(x: float, y: float, z: float, cam: Array) -> ImagePoint:
-    """Pixel of a point in the camera frame, z > 0."""
-    u, v = distort(x / z, y / z, cam)
-    return ImagePoint(cam[0] * u + cam[2], cam[1] * v + cam[3])
 
 
 @compiled("f0 f0 f0 f0 f0 f1 f1!", inner=True)

@@ -26,13 +26,6 @@ class Planes:
     offsets_m: Array
     corners_m: Array
 
-    def along(self, rows: Rows, origin: Array, rays: Array) -> Array:
-        """Ray parameters (k,) at which rays (k, 3) from an origin (3,) meet the planes of facets; inf: none."""
-        normals = self.normals[rows]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = (self.offsets_m[rows] - normals @ origin) / np.einsum("ij,ij->i", normals, rays)
-        return np.where(share > 0, share, np.inf)
-
 
 class DrawnPart(NamedTuple):
     """A part that is drawn, and its motion, None for a static part."""
@@ -46,14 +39,15 @@ class Facets:
     """Triangles of all drawn meshes, concatenated.
 
     first (m,): row of the first triangle of each mesh; corners_m (n, 3, 3) in the frame of the part, which is the world
-    for static parts; instances (n,) of their parts; movers: rows and motion of each moving mesh; has_sky: whether the
-    background is a sky.
+    for static parts; instances (n,) of their parts; movers: rows and motion of each moving mesh; mover_of (n,): which
+    of them a facet belongs to, counted from 1, 0 for none; has_sky: whether the background is a sky.
     """
 
     first: Rows
     corners_m: Array
     instances: NDArray[np.uint8]
     movers: tuple[tuple[slice, Mover], ...]
+    mover_of: Rows
     has_sky: bool
 
     @classmethod
@@ -68,7 +62,10 @@ class Facets:
             if mover is not None
         )
         instances = np.repeat([part.instance for part, _ in drawn], counts).astype(np.uint8)
-        return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), instances, movers, has_sky)
+        mover_of = np.zeros(len(instances), dtype=np.int64)
+        for number, (rows, _) in enumerate(movers, 1):
+            mover_of[rows] = number
+        return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), instances, movers, mover_of, has_sky)
 
     def planes(self, time_s: float) -> Planes:
         """Planes of all facets at a time in seconds, world frame."""
@@ -83,12 +80,7 @@ class Facets:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         return Planes(normals, np.einsum("ij,ij->i", normals, a), corners)
 
-    def carried(self, rows: Rows, points_m: Array, from_s: float, to_s: float) -> Array:
-        """Points (k, 3) in the world on facets (k,), moved with their facets from one time to another, in seconds."""
-        out = points_m.copy()
-        for span, mover in self.movers:
-            on = (rows >= span.start) & (rows < span.stop)
-            if on.any():
-                step: Pose = mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse()
-                out[on] = step.transform(points_m[on])
-        return out
+    def steps(self, from_s: float, to_s: float) -> list[Pose]:
+        """Motion in the world from one time to another, in seconds, of what rests and of each mover: see `mover_of`."""
+        moved = [mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse() for _, mover in self.movers]
+        return [Pose.identity(), *moved]

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
-from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera import Camera, camera_array
 from uavbench.scenes.dataset.annotations import read_depth
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, OUTSIDE, SEEN, UNKNOWN
+from uavbench.scenes.dataset.surfaces.flow_kernels import BEFORE, DOUBTFUL, carry, compare, face
+from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, LARGEST_FLOW_PX, OUTSIDE, SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceTruth
 from uavbench.scenes.generate import generate
 from uavbench.scenes.renderables import Mover
@@ -22,7 +23,7 @@ from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Pose, rotation_exp
 from uavbench.trajectories.simulation.flight import FlightSpec
 
 SPEC = SequenceSpec(
@@ -184,6 +185,113 @@ def test_what_comes_behind_the_camera_has_no_flow() -> None:
     flow, occlusion, _ = truth_of((white_box((2.0, -1, -1), (2.1, 1, 1)),), (), poses)
     assert np.isnan(flow[60, 80]).all()
     assert occlusion[60, 80] == UNKNOWN
+
+
+SIZE = (60, 80)
+"""Rows and columns of the images below, and of the wider pinhole's."""
+WIDE = (90, 110)
+
+
+def random_scene(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Pixels that show random planes, a sky or nothing, some of them moving, and random facets in a later image."""
+    count, facets = SIZE[0] * SIZE[1], 40
+    depths = rng.uniform(1.0, 9.0, count)
+    rows = rng.integers(0, facets, count)
+    depths[rng.random(count) < 0.1], depths[rng.random(count) < 0.1] = np.inf, np.nan
+    rows[~np.isfinite(depths)] = -1
+    normals = rng.normal(size=(facets, 3))
+    seen = np.repeat(np.repeat(rng.integers(-1, facets, (WIDE[0] // 5, WIDE[1] // 5)), 5, axis=0), 5, axis=1)
+    motions = np.concatenate(
+        [rotation_exp(rng.normal(scale=0.1, size=(4, 3))), rng.normal(scale=1.5, size=(4, 3, 1))], axis=2
+    )
+    return {
+        "depths": depths,
+        "rows": rows,
+        "mover_of": rng.integers(0, 4, facets),
+        "motions": motions,
+        "normals": normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        "offsets": rng.uniform(-8.0, 8.0, facets),
+        "seen": seen,
+        "eye": rng.normal(size=3),
+        "rotation": rotation_exp(rng.normal(size=3)),
+    }
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [("none", ()), ("radtan", (-0.2, 0.05, 1e-3, -1e-3, 0.01)), ("equidistant", (-0.02, 0.01, -0.004, 0.001))],
+)
+def test_the_kernels_are_the_formulas_on_random_planes(model: str, distortion: tuple[float, ...], seed: int) -> None:
+    (height, width), scene = SIZE, random_scene(np.random.default_rng(seed))
+    camera = Camera(width, height, 50.0, 51.0, 39.0, 30.5, model, distortion)
+    pinhole = Camera(WIDE[1], WIDE[0], 50.0, 51.0, 54.0, 45.5)
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
+    rays, near = camera.rays(pixels), np.isfinite(scene["depths"])
+    shown = (rays, scene["depths"], scene["rows"])
+    moved, flow = np.full((len(rays), 3), np.nan), np.empty((height, width, 2))
+    occlusion, widest = np.empty(SIZE, dtype=np.uint8), 1.2
+    doubtful = carry(shown, scene["mover_of"], scene["motions"], widest, moved, occlusion.reshape(-1))
+
+    motion = scene["motions"][np.where(near, scene["mover_of"][scene["rows"]], 0)]
+    points = np.where(near, scene["depths"], 1.0)[:, None] * rays
+    expected = np.einsum("kij,kj->ki", motion[:, :, :3], points) + np.where(near[:, None], motion[:, :, 3], 0)
+    expected[np.isnan(scene["depths"])] = np.nan
+    np.testing.assert_allclose(moved, expected, atol=1e-12)
+    ahead = expected[:, 2] > 1e-6 * np.linalg.norm(expected, axis=1)
+    aside = ahead & (np.hypot(expected[:, 0], expected[:, 1]) > widest * expected[:, 2])
+    states = np.where(aside, DOUBTFUL, np.where(ahead, SEEN, UNKNOWN))
+    assert np.array_equal(occlusion.reshape(-1), states)
+    assert doubtful == aside.sum() > 50
+
+    lens = camera_array(camera), (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
+    planes = scene["normals"], scene["offsets"]
+    compare(shown, moved, lens, (scene["seen"], *planes, scene["eye"], scene["rotation"]), flow, occlusion)
+    to = np.full((len(rays), 2), np.nan)
+    to[ahead] = camera.project(expected[ahead])
+    known = ahead & (np.abs(to - pixels) < LARGEST_FLOW_PX).all(axis=1)
+    to[~known] = np.nan
+    np.testing.assert_allclose(flow.reshape(-1, 2), to - pixels, rtol=0, atol=1e-6)
+    inside = known & ((to >= -0.5) & (to <= [width - 0.5, height - 0.5])).all(axis=1)
+    for k in np.flatnonzero(inside).tolist():
+        u, v = np.floor(pinhole.project(expected[k : k + 1])[0]).astype(int)
+        before = []
+        for column, row in ((u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)):
+            other = scene["seen"][np.clip(row, 0, WIDE[0] - 1), np.clip(column, 0, WIDE[1] - 1)]
+            normal, ray = scene["normals"][other], scene["rotation"] @ expected[k]
+            share = (scene["offsets"][other] - normal @ scene["eye"]) / (normal @ ray)
+            before.append(other >= 0 and other != scene["rows"][k] and (not near[k] or 0 < share < 1 - BEFORE))
+        assert occlusion.reshape(-1)[k] == (HIDDEN if all(before) else SEEN), k
+    assert (occlusion.reshape(-1)[known & ~inside] == OUTSIDE).all()
+    assert (occlusion.reshape(-1)[~known] == UNKNOWN).all()
+    assert np.bincount(occlusion.reshape(-1), minlength=4).min() > 100
+
+    turned = np.empty((len(rays), 3))
+    face(scene["rows"], scene["normals"], scene["rotation"], rays, turned)
+    normals = scene["normals"][scene["rows"]] @ scene["rotation"].T
+    normals *= -np.sign(np.einsum("ij,ij->i", normals, rays))[:, None]
+    normals[scene["rows"] < 0] = np.nan
+    np.testing.assert_allclose(turned, normals, atol=1e-14)
+
+
+def test_points_where_the_distortion_folds_over_have_no_flow(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = Camera(160, 120, 130.0, 130.0, 79.5, 59.5, "radtan", (-0.2, 0.0, 1e-3, -1e-3))
+    poses = [looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), looking((0.0, 0.0, 0.0), (1.0, 0.9, 0.3))]
+    pinhole, lens = render_camera(camera)
+    with Renderer((white_box((4.0, -9, -9), (4.1, 9, 9)),), FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
+        source = ideal_camera(renderer, camera, pinhole, lens, lambda ns: poses[round(ns / 1e9)])
+        truth = SurfaceTruth(renderer, source)
+        views = truth.view(0), truth.view(10**9)
+        found = truth.flow(*views)
+        monkeypatch.setattr(truth, "_widest", 0.0)  # every point is projected and undistorted
+        expected = truth.flow(*views)
+        monkeypatch.setattr(truth, "_widest", np.inf)  # none is
+        unaware = truth.flow(*views)
+    assert np.array_equal(found.flow, expected.flow, equal_nan=True)
+    assert np.array_equal(found.occlusion, expected.occlusion)
+    folded = (expected.occlusion == UNKNOWN) & (unaware.occlusion != UNKNOWN)
+    assert folded.sum() > 100
+    assert (expected.occlusion == SEEN).sum() > 1000
 
 
 def test_asking_for_them_changes_no_image(sequence: Sequence, tmp_path: Path) -> None:

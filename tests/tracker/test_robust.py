@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at, pose_error
+from uavbench.scenes.camera import camera_array
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import (
     RigidMotion,
-    camera_array,
     normal_row,
-    project,
     se3_exp_left,
     se3_log_left,
     solve6,
@@ -26,6 +25,7 @@ from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.visible_edges import near_depth
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera import Camera, camera_array
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.geometry_kernels import camera_array
 from uavbench.tracker.visible_edges import near_depth, undistorted_bounds
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array, Pose

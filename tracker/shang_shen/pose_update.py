@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.camera import Camera
-from uavbench.tracker.geometry_kernels import camera_array
+from uavbench.scenes.camera import Camera, camera_array
 from uavbench.tracker.shang_shen.control_points import ControlPoints
 from uavbench.tracker.shang_shen.kernels import gauss_newton
 from uavbench.trajectories.pose import Array, Pose

@@ -43,24 +43,35 @@ def is_inside(corners: Any, x: float, y: float, z: float) -> bool:
     return bool(second >= -ON_BORDER and third >= -ON_BORDER and 1.0 - second - third >= -ON_BORDER)
 
 
-@compiled("i2 (i2 i2) (i2 i0) (f2 f1 f3) (f1 f2 f2) i1! f1!", allocates=False)
+@compiled
+def turned(rotation: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Product of a rotation (3, 3) and a vector."""
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
+
+
+@compiled("i2 (i2 i2) (i2 i0) (f2 f1 f3) (f1 f2 f2 f2) i1! f1!", allocates=False)
 def trace(seen: Any, pixels: Any, tried: Any, planes: Any, rays: Any, rows: Any, depths: Any) -> None:
     """Facet and ray parameter of each pixel: the nearest of the facets rendered around it that its ray passes through.
 
     seen (h, w): rendered facets, -1 for none. pixels: column and row (k, 2) of the rendered pixel next to each pixel,
     and of the one to which steps are added. tried: steps (m, 2), and the number of the first ones that are tried for
-    every pixel, the others until its ray meets a facet. planes: normals, offsets, corners. rays: their origin, and
-    directions (k, 3) through the pixels, and through the centres of those rendered next to them, in the world. A ray
-    that misses all facets has the plane of the one rendered next to it; where that plane is too slanted, its depth in
-    the centre. Without a facet rows are -1, and depths are left.
+    every pixel, the others until its ray meets a facet. planes: normals, offsets, corners. rays: their origin in the
+    world, the rotation (3, 3) from the camera to the world, and directions (k, 3) in the camera's frame through the
+    pixels, and through the centres of those rendered next to them. A ray that misses all facets has the plane of the
+    one rendered next to it; where that plane is too slanted, its depth in the centre. Without a facet rows are -1, and
+    depths are left.
     """
     next_to, base = pixels
     steps, sure = tried
     normals, offsets, corners = planes
-    eye, through, through_centre = rays
+    eye, rotation, through, through_centre = rays
     h, w = seen.shape
     for k in range(through.shape[0]):
-        x, y, z = through[k, 0], through[k, 1], through[k, 2]
+        x, y, z = turned(rotation, through[k, 0], through[k, 1], through[k, 2])
         centre = seen[next_to[k, 1], next_to[k, 0]]
         best, row, last = np.inf, np.int64(-1), np.int64(-1)
         for number in range(steps.shape[0]):
@@ -78,7 +89,7 @@ def trace(seen: Any, pixels: Any, tried: Any, planes: Any, rays: Any, rows: Any,
         if row < 0 and centre >= 0:
             row = centre
             best = plane_share(normals[row], offsets[row], eye, x, y, z)
-            x, y, z = through_centre[k, 0], through_centre[k, 1], through_centre[k, 2]
+            x, y, z = turned(rotation, through_centre[k, 0], through_centre[k, 1], through_centre[k, 2])
             there = plane_share(normals[row], offsets[row], eye, x, y, z)
             if not abs(best - there) <= FARTHEST_BESIDE * there:
                 best = there

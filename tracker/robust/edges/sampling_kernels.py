@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row, project
+from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row
 from uavbench.tracker.robust.edges.columns import (
     BESIDE,
     BOTH_FACES,
@@ -27,6 +27,7 @@ from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
 MARGIN_PX = float(BESIDE)

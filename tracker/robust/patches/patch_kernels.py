@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import camera_centre, normal_row, project
+from uavbench.tracker.geometry_kernels import camera_centre, normal_row
 from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.config.patches import AlignmentConfig
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
@@ -24,6 +24,7 @@ from uavbench.tracker.robust.patches.matches import (
 )
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
 BORDER_PX = HALF + 2

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import eliminate, normal_row, project, se3_exp_left, se3_log_left, solve6
+from uavbench.tracker.geometry_kernels import eliminate, normal_row, se3_exp_left, se3_log_left, solve6
 from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
@@ -18,6 +18,7 @@ from uavbench.tracker.robust.solver.bias_kernels import FRAME_SUMS, LOCAL_BIASES
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
 EFFICIENT = 4.685
