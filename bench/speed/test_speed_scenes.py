@@ -40,7 +40,7 @@ from uavbench.trajectories.simulation.flight import fly
 ASKED_FPS = {"box": 60.0, "bridge": 25.0}
 RENDERED_ANNOTATIONS: tuple[Any, ...] = ("depth", "mask", "edges")
 ANNOTATIONS = (*RENDERED_ANNOTATIONS, "flow", "normals")
-"""All of them; the goal is held against the rendered ones, flow and normals trace every pixel."""
+"""All of them: flow and normals trace every pixel."""
 FRAMES = 40
 by_processor_time = pytest.mark.benchmark(timer=time.process_time)
 
@@ -110,7 +110,7 @@ def test_final_frames_against_the_raw_fill_rate(benchmark: Any, tmp_path: Path, 
 @by_processor_time
 @pytest.mark.parametrize("suite", list(ASKED_FPS))
 def test_final_frames_with_flow_and_normals(benchmark: Any, tmp_path: Path, suite: str) -> None:
-    """Frames as above with all annotations; times_asked is the share of the same goal that they reach."""
+    """Frames as above with all annotations, against the same goal."""
     fps = 1 / timed(benchmark, replace(first_of(suite), effects=(Noise(),), annotations=ANNOTATIONS), tmp_path)
     benchmark.extra_info.update(fps=fps, times_asked=fps / ASKED_FPS[suite])
 
