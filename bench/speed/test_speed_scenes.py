@@ -23,7 +23,6 @@ import pytest
 
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.speed.fill_rate import fill_s
 from uavbench.bench.speed.rounds import absent, figure
 from uavbench.scenes import generate as g
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
@@ -31,6 +30,8 @@ from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
 from uavbench.scenes.frames import Filming, write_annotations, write_image
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
+from uavbench.scenes.rendering.context import functions
+from uavbench.scenes.rendering.gpu import Program, Target
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
@@ -42,6 +43,22 @@ RENDERED_ANNOTATIONS: tuple[Any, ...] = ("depth", "mask", "edges")
 ANNOTATIONS = (*RENDERED_ANNOTATIONS, "flow", "normals")
 """All of them: flow and normals trace every pixel."""
 FRAMES = 40
+COVERS = 20
+"""Times that an image is covered between two looks at the clock."""
+FILL_ROUNDS = 5
+VERTEX = """#version 330 core
+void main() {
+    gl_Position = vec4(vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0, 0.5, 1.0);
+}
+"""
+FRAGMENT = """#version 330 core
+layout(location = 0) out vec4 colour;
+layout(location = 1) out vec2 numbers;
+void main() {
+    colour = vec4(0.5);
+    numbers = vec2(0.5);
+}
+"""
 by_processor_time = pytest.mark.benchmark(timer=time.process_time)
 
 
@@ -96,6 +113,33 @@ def test_final_frames(benchmark: Any, tmp_path: Path, suite: str, annotations: t
     """Frames of a suite's first sequence without its motion blur; the bridge includes its trees and birds."""
     fps = 1 / timed(benchmark, replace(first_of(suite), effects=(Noise(),), annotations=annotations), tmp_path)
     benchmark.extra_info.update(fps=fps, times_asked=fps / ASKED_FPS[suite])
+
+
+def fill_s(width: int, height: int) -> float:
+    """Least processor time in s in which one triangle covers every pixel of a frame's target once, depth and all."""
+    GL = functions()
+    target, program, vertices = (
+        Target(GL, width, height, numbered=True),
+        Program(GL, VERTEX, FRAGMENT),
+        GL.glGenVertexArrays(1),
+    )
+    GL.glViewport(0, 0, width, height)
+    GL.glDisable(GL.GL_CULL_FACE)
+    GL.glEnable(GL.GL_DEPTH_TEST)
+    GL.glDepthFunc(GL.GL_ALWAYS)
+    program.use()
+    GL.glBindVertexArray(vertices)
+    times = []
+    for _ in range(FILL_ROUNDS + 1):
+        begin = time.process_time()
+        for _ in range(COVERS):
+            GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+            GL.glFinish()
+        times.append((time.process_time() - begin) / COVERS)
+    GL.glDeleteVertexArrays(1, [vertices])
+    GL.glDeleteProgram(program.id)
+    target.delete()
+    return min(times[1:])
 
 
 @by_processor_time
