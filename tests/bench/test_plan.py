@@ -154,9 +154,10 @@ def test_jobs_weigh_the_seconds_that_they_are_thought_to_take(suite, tmp_path):
     (spec,) = suite.sequences
     assert frames(spec) == pytest.approx(6.0)
     found, flown = planned(plan(suite, tmp_path)), planned(plan_flights(suite, tmp_path, video=True))
-    assert found[f"render {spec.name}"].weight == pytest.approx(3.0 + 0.08 * 6)
+    image = spec.camera.width * spec.camera.height / (640 * 480)
+    assert found[f"render {spec.name}"].weight == pytest.approx(3.0 + 0.08 * 6 * image)
     bounded = replace(suite, sequences=(replace(spec, crlb_every=4),))
-    assert plan(bounded, tmp_path)[0].weight == pytest.approx(3.0 + 0.08 * 6 + 2.0 * 6 / 4)
+    assert plan(bounded, tmp_path)[0].weight == pytest.approx(3.0 + 0.08 * 6 * image + 2.0 * 6 / 4)
     for run, rate in RATES.items():
         seen = 6 * rate / 20.0
         assert found[f"track {spec.name} {run}"].weight == pytest.approx(0.02 * seen)
