@@ -141,8 +141,10 @@ class Decider:
         found = self.relocator.search(
             Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow)
         )
-        # Before the first pose is accepted there is no track that a search could end at.
-        searched = first or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
+        given = self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        # Before any pose is accepted only a given initial pose vouches for the place where a search ends.
+        unvouched = first and not given
+        searched = unvouched or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
         enough = self.state.holds(found.fit, frame.predicted, searched)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
@@ -150,11 +152,10 @@ class Decider:
         settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))
         if settled or found.all_done:
             self.relocator.forget()
-        given = self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
         holds = given if first else fit.support >= loss.min_support
         if settled and found.advantage > (self.config.relocalization.lead if holds and not slow else 0.0):
             return Decision(found.fit, True, searched=searched)
         tracked = not first and not slow and not self.state.is_lost
         if settled or (tracked and (holds or self.state.is_there(fit, frame.predicted))):
-            return Decision(fit, True, searched=first)
+            return Decision(fit, True, searched=unvouched)
         return Decision(found.fit, False, rivalled)
