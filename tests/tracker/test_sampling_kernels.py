@@ -9,6 +9,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
+from uavbench.tracker.robust.edges.step_kernels import CLEAR_WIDTHS, FIRST_BLUR_PX, REACH_PX
 from uavbench.tracker.robust.edges.subpixel_kernels import crowd
 from uavbench.tracker.robust.view import View
 
@@ -61,7 +62,7 @@ def lines_of(*edges):
 def crowd_of(at, first, p, most=6):
     edges = np.full((most, 4), np.nan)
     group = int(np.searchsorted(first, p, side="right")) - 1
-    count = crowd(at, first, group, p, edges)
+    count = crowd(at, first, group, p, REACH_PX + CLEAR_WIDTHS * FIRST_BLUR_PX, edges)
     return edges[:count]
 
 

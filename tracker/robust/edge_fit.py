@@ -10,6 +10,8 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edges.blur import Blur
+from uavbench.tracker.robust.edges.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
@@ -34,6 +36,7 @@ from uavbench.tracker.robust.pose_fit import (
     Aligned,
     Fit,
     FitResiduals,
+    Located,
     Problem,
     Searched,
     Solution,
@@ -68,6 +71,7 @@ class EdgeFitter:
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.learned = self.most_points = 0
         self.sharp = True
+        self.blur = Blur()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.draws = rng.random((HYPOTHESES, EDGES_DRAWN * DRAWS_PER_EDGE))
@@ -119,7 +123,8 @@ class EdgeFitter:
         with clock.stage("subpixel"):
             best = self.refine_subpixel(fit.searched)
         with clock.stage("support"):
-            return replace(fit.at(best), chance=self.chance_of(fit.searched, best.weighting))
+            chance = self.chance_of(fit.searched, best.estimate.weighting)
+            return replace(fit.at(best.estimate, best.steps), chance=chance)
 
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
         """Control points, their weights, and patches that are visible at the prediction."""
@@ -170,7 +175,7 @@ class EdgeFitter:
             estimate = self.solve(problem, measured, aligned.matches, edges, view, self.values.widths.fine)
         return Solution(estimate, measured, edges)
 
-    def refine_subpixel(self, searched: Searched) -> Estimate:
+    def refine_subpixel(self, searched: Searched) -> Located:
         """Estimate from intensity steps fitted to the pixels around the control points."""
         problem, aligned, found, _ = searched
         view = aligned.view.to(found.estimate.R, found.estimate.t)
@@ -182,13 +187,15 @@ class EdgeFitter:
             problem.points,
             self.appearance,
             fitted,
+            self.blur.px,
             self.values.subpixel,
         )
         candidates = Candidates(steps.distance, found.measured.candidates.contrast)
         alone = contrast_weights(problem.points.rows, self.appearance, self.weak_step, self.values.weights)
-        weight = np.where(steps.refined, alone, problem.weight)
+        weight = np.where(steps.steps > 0, alone, problem.weight)
         measured = EdgeMeasurements(problem.points, lines, candidates, weight, steps.variance_px2)
-        return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
+        last = self.values.widths.last
+        return Located(self.solve(problem, measured, aligned.matches, found.edges, view, last), steps.steps)
 
     def judge(self, searched: Searched) -> Fit:
         """The fit to the matches of a search, with its support."""
@@ -199,6 +206,7 @@ class EdgeFitter:
             found.measured, weighting.weight, weighting.patch_weight, correlation, self.appearance, self.weak_step
         )
         n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
+        unlocated = np.zeros(n, dtype=np.int64)
         fit = Fit(
             Pose(estimate.R, estimate.t),
             problem.covariance,
@@ -219,10 +227,11 @@ class EdgeFitter:
                 estimate.sums,
                 estimate.step,
                 problem.prior.information,
+                unlocated,
             ),
             searched,
         )
-        return fit.at(estimate)
+        return fit.at(estimate, unlocated)
 
     def chance_of(self, searched: Searched, weighting: Weighting) -> Chance:
         """How easily a random pose would find as much as these weights say was found."""
@@ -278,7 +287,10 @@ class EdgeFitter:
         lines, weighting = self.search_lines(used.points, self.view.at(pose)), used.weighting
         rows, values = used.points.rows, self.values.appearance
         near = np.abs(weighting.residual) < self.values.widths.last[-1]
-        learn(image, lines, rows, weighting.weight, np.where(near, weighting.residual, np.inf), self.appearance, values)
+        distance = np.where(near, weighting.residual, np.inf)
+        learn(image, lines, rows, weighting.weight, distance, self.appearance, values)
+        alone = np.where((used.steps == 1) & (weighting.weight > 0), distance, np.inf)
+        self.blur.learn(excess_blur(image, lines, rows, self.appearance, alone, self.blur.px), values.learning_rate)
         faces = self.texture.patches.face[used.chosen[weighting.patch_weight > 0]]
         hits = self.texture.count_hits(used.chosen, weighting.patch_weight, used.correlation)
         if hits:

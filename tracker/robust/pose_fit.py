@@ -64,6 +64,13 @@ class Solution(NamedTuple):
     edges: EdgeOffsets
 
 
+class Located(NamedTuple):
+    """An estimate by edges located between the pixels; steps (n,): of light that locate each control point."""
+
+    estimate: Estimate
+    steps: Indices
+
+
 class Searched(NamedTuple):
     """A fit to the matches of a search: its problem, alignment and solution; patches: rows of those that were used."""
 
@@ -78,7 +85,8 @@ class FitResiduals:
     """Inputs and residuals of a fit, from which appearance and biases are learned.
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
-    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction.
+    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction. steps (n,): number of
+    steps of light that locate each control point, 0 where none does.
     """
 
     points: ControlPoints
@@ -89,6 +97,7 @@ class FitResiduals:
     sums: FrameSums
     step: Step
     prior_information: Array
+    steps: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +134,11 @@ class Fit:
             return None
         return np.asarray(self.cam_from_world.transform(self.residuals.points.points).mean(axis=0))
 
-    def at(self, estimate: Estimate) -> "Fit":
-        """The fit at an estimate from the same control points and patches, with the same support."""
+    def at(self, estimate: Estimate, steps: Indices) -> "Fit":
+        """The fit at an estimate from the same control points and patches, with the same support.
+
+        steps (n,): number of steps of light that locate each control point.
+        """
         assert self.residuals is not None
         points, weighting = self.residuals.points.points, estimate.weighting
         middle = points[len(points) // 2] if len(points) else np.full(3, np.nan)
@@ -136,7 +148,7 @@ class Fit:
             covariance=inverse6(estimate.step.information),
             inliers=int(np.count_nonzero(weighting.weight) + np.count_nonzero(weighting.patch_weight)),
             range_m=float(estimate.R[2] @ middle + estimate.t[2]),
-            residuals=replace(self.residuals, weighting=weighting, sums=estimate.sums, step=estimate.step),
+            residuals=replace(self.residuals, weighting=weighting, sums=estimate.sums, step=estimate.step, steps=steps),
         )
 
     def log10_false_alarms(self, poses: int) -> float:

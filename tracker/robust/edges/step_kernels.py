@@ -22,6 +22,7 @@ from uavbench.tracker.robust.edges.columns import (
     V,
 )
 from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -30,23 +31,26 @@ LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2
 """Linear intensity of sRGB codes (IEC 61966-2-1), which is what pixels integrate."""
 LEAST_STEP = float(LIGHT[1])
 """Least intensity step: that of one code."""
-BLUR_PX = 0.5
-"""Standard deviation of H': 0.29 px of the pixel area, in any direction, and 0.4 px of a sharp lens."""
-CLEARANCE_PX = 3 * BLUR_PX
-"""Reach of the blur of a neighbouring edge: three standard deviations."""
-MAX_SHIFT_PX = BLUR_PX
-"""Largest shift: the linearized fit is valid within one standard deviation of the blur."""
+PIXEL_PX = 1 / math.sqrt(12)
+"""Standard deviation of the area of a pixel, in any direction: the least blur."""
+FIRST_BLUR_PX = 0.5
+"""Blur of a frame before any was measured: that of a pixel, and 0.4 px of a sharp lens."""
+CLEAR_WIDTHS = 3.0
+"""Reach of the blur of a neighbouring edge, in its standard deviations."""
+MAX_SHIFT_PX = 0.5
+"""Largest shift: the linearized fit is valid within one standard deviation of the usual blur."""
 REACH_PX = 3
 """Pixels to either side of the edge on a scan line: fewer do not determine a step and two levels, more add little."""
-TABLE_PX, STEPS_PER_PX = REACH_PX + 1, 64
-AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
-STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
-SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_PX)
-"""H and H' at AT."""
+WIDTHS, STEPS_PER_WIDTH = 5, 64
+AT = np.arange(-WIDTHS * STEPS_PER_WIDTH, WIDTHS * STEPS_PER_WIDTH + 1) / STEPS_PER_WIDTH
+STEP = np.array([0.5 * (1 + math.erf(s / math.sqrt(2))) for s in AT])
+SLOPE = np.exp(-0.5 * np.square(AT)) / math.sqrt(2 * math.pi)
+"""H and H' at AT, in standard deviations of the blur."""
 MOST_STEPS = 6
 """Most steps that are fitted together: limits the time."""
-TOGETHER_PX = 2 * BLUR_PX
-"""Distance across below which the heights of two steps are hardly told apart, and their sum must be a step."""
+TOGETHER_WIDTHS = 2.0
+"""Distance across, in standard deviations of the blur, below which the heights of two steps are hardly told apart, and
+their sum must be a step."""
 HEIGHT_INFORMATION = 1e-4
 """Prior information on a height: the square of a pixel's noise, 0.01, over that of a height, 1. It decides where two
 edges are one in the image."""
@@ -61,7 +65,16 @@ class Step(NamedTuple):
     variance_px2: float
 
 
+class Strip(NamedTuple):
+    """Pixels about a control point: about `beside` scan lines to either side, spread over `along` px; their blur_px."""
+
+    along: int
+    beside: int
+    blur_px: float
+
+
 NO_STEP = Step(np.inf, np.inf)
+STRIP = named_tuple(Strip, "i0 i0 f0")
 
 
 @compiled("f1 i0 f1!", inner=True)
@@ -82,8 +95,8 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f2! f0 i0 i0 f1 f2!", inner=True)
-def sums_of_steps(image: Image, edges: Array, start: float, along: int, beside: int, colour: Array, sums: Array) -> int:
+@compiled("u3 f2! f0 strip f1 f2!", inner=True, strip=STRIP)
+def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Array) -> int:
     """Number of pixels around a control point whose steps and light are summed up.
 
     edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
@@ -92,6 +105,7 @@ def sums_of_steps(image: Image, edges: Array, start: float, along: int, beside: 
     H' of each step, of the light, and of 1.
     """
     h, w, channels = image.shape
+    along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.blur_px
     nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
     u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
     by_rows = abs(nu) >= abs(nv)
@@ -115,8 +129,9 @@ def sums_of_steps(image: Image, edges: Array, start: float, along: int, beside: 
             column, row = (x, y) if by_rows else (y, x)
             for i in range(steps):
                 away = (column - edges[i, U]) * edges[i, NORMAL_U] + (row - edges[i, V]) * edges[i, NORMAL_V] - start
-                at = int((min(max(away, -TABLE_PX), TABLE_PX) + TABLE_PX) * STEPS_PER_PX + 0.5)
-                term[2 * i], term[2 * i + 1] = STEP[at], SLOPE[at]
+                away *= widths_per_px
+                at = int((min(max(away, -WIDTHS), WIDTHS) + WIDTHS) * STEPS_PER_WIDTH + 0.5)
+                term[2 * i], term[2 * i + 1] = STEP[at], SLOPE[at] * widths_per_px
             light = 0.0
             for c in range(channels):
                 light += colour[c] * LIGHT[image[row, column, c]]
@@ -145,13 +160,13 @@ def solve(A: Array, x: Array) -> bool:
     return True
 
 
-@compiled("u3 f2! f0 i0 i0 f1 f2!", inner=True)
-def fit_step(image: Image, edges: Array, start: float, along: int, beside: int, colour: Array, sums: Array) -> Step:
+@compiled("u3 f2! f0 strip f1 f2!", inner=True, strip=STRIP)
+def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Array) -> Step:
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 
     Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels.
     """
-    steps, n = len(edges), sums_of_steps(image, edges, start, along, beside, colour, sums)
+    steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
     if n < 3 * (2 * REACH_PX + 1):
         return NO_STEP
     last = 2 * steps + 1
@@ -190,7 +205,7 @@ def fit_step(image: Image, edges: Array, start: float, along: int, beside: int, 
     whole = height[0]
     for i in range(1, steps):
         across = (edges[i, U] - edges[0, U]) * edges[0, NORMAL_U] + (edges[i, V] - edges[0, V]) * edges[0, NORMAL_V]
-        if abs(across) < TOGETHER_PX:
+        if abs(across) < TOGETHER_WIDTHS * strip.blur_px:
             whole += height[i]
     if not whole > LEAST_STEP:
         return NO_STEP

@@ -11,10 +11,11 @@ from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, NORMAL_U, NORMAL_
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LINES, ControlPoints, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.step_kernels import (
-    CLEARANCE_PX,
+    CLEAR_WIDTHS,
     MAX_SHIFT_PX,
     MOST_STEPS,
     REACH_PX,
+    Strip,
     fit_step,
     learned_light,
 )
@@ -48,19 +49,19 @@ class FittedPoints(NamedTuple):
 class SubpixelEdges(NamedTuple):
     """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,).
 
-    refined (n,): whether a step was fitted.
+    steps (n,): number of steps fitted together, 0 where none was.
     """
 
     distance: Array
     variance_px2: Array
-    refined: NDArray[np.bool_]
+    steps: Indices
 
 
 FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
 
 
 @compiled(
-    "u3 lines points f2 fitted subpixel",
+    "u3 lines points f2 fitted f0 subpixel",
     lines=SEARCH_LINES,
     points=CONTROL_POINTS,
     fitted=FITTED_POINTS,
@@ -72,17 +73,20 @@ def refine_subpixel(
     points: ControlPoints,
     appearance: Array,
     fitted: FittedPoints,
+    blur_px: float,
     config: SubpixelConfig,
 ) -> SubpixelEdges:
     """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
 
-    If no step can be fitted, distance and variance are those of `fitted`, with an infinite distance for a weight of 0.
+    blur_px: standard deviation of the blur. If no step can be fitted, distance and variance are those of `fitted`, with
+    an infinite distance for a weight of 0.
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
     distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
-    refined = np.zeros(len(lines), np.bool_)
+    together = np.zeros(len(lines), np.int64)
     distance[:] = np.inf
+    coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, blur_px), REACH_PX + CLEAR_WIDTHS * blur_px
     colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), np.empty((2 * MOST_STEPS + 2, 2 * MOST_STEPS + 2))
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0
@@ -97,17 +101,17 @@ def refine_subpixel(
             distance[p, 0] = residual[p]
             if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], colour) > 0.0:
                 continue
-            steps = crowd(at, first, g, p, edges)
+            steps = crowd(at, first, g, p, reach_px, edges)
             if steps == 0:
                 continue
-            near = fit_step(image, edges[:steps], start, LEAST_ALONG_PX, COARSE_LINES, colour, sums)
+            near = fit_step(image, edges[:steps], start, coarse, colour, sums)
             if not abs(near.distance - start) < MAX_SHIFT_PX:
                 continue
-            found = fit_step(image, edges[:steps], near.distance, along, FINE_LINES, colour, sums)
+            found = fit_step(image, edges[:steps], near.distance, Strip(along, FINE_LINES, blur_px), colour, sums)
             if abs(found.distance - start) < MAX_SHIFT_PX:
-                distance[p, 0], refined[p] = found.distance, True
+                distance[p, 0], together[p] = found.distance, steps
                 variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
-    return SubpixelEdges(distance, variance, refined)
+    return SubpixelEdges(distance, variance, together)
 
 
 @compiled("f2 i1 i0", inner=True)
@@ -119,8 +123,8 @@ def half_spacing(lines: Array, first: Indices, g: int) -> float:
     return 0.5 * math.hypot(lines[p + 1, U] - lines[p, U], lines[p + 1, V] - lines[p, V])
 
 
-@compiled("lines i1 i0 i0 f2!", inner=True, lines=SEARCH_LINES)
-def crowd(at: SearchLines, first: Indices, group: int, p: int, edges: Array) -> int:
+@compiled("lines i1 i0 i0 f0 f2!", inner=True, lines=SEARCH_LINES)
+def crowd(at: SearchLines, first: Indices, group: int, p: int, reach_px: float, edges: Array) -> int:
     """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
 
     Their lines, pixel and normal on the side of the point's own, are written into edges (., 4). An edge is represented
@@ -132,7 +136,7 @@ def crowd(at: SearchLines, first: Indices, group: int, p: int, edges: Array) -> 
     for g in range(len(first) - 1):
         q = first[g]
         across = (lines[q, U] - u) * lines[q, NORMAL_U] + (lines[q, V] - v) * lines[q, NORMAL_V]
-        if g == group or abs(across) > BENT_PX + REACH_PX + CLEARANCE_PX:
+        if g == group or abs(across) > BENT_PX + reach_px:
             continue
         nearest, least = -1, np.inf
         for q in range(first[g], first[g + 1]):
@@ -144,7 +148,7 @@ def crowd(at: SearchLines, first: Indices, group: int, p: int, edges: Array) -> 
         mu, mv = lines[nearest, NORMAL_U], lines[nearest, NORMAL_V]
         cosine = nu * mu + nv * mv
         du, dv = lines[nearest, U] - u, lines[nearest, V] - v
-        if abs(cosine) < PARALLEL_COSINE or abs(du * mu + dv * mv) > REACH_PX + CLEARANCE_PX:
+        if abs(cosine) < PARALLEL_COSINE or abs(du * mu + dv * mv) > reach_px:
             continue
         if abs(dv * mu - du * mv) > max(LEAST_ALONG_PX, half_spacing(lines, first, g)) + 1.0:
             continue

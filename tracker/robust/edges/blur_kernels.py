@@ -1,0 +1,72 @@
+"""Compiled measurement of the blur of an image, by the steps of edges that stand alone.
+
+The light about such an edge is fitted by three steps, one width of the assumed blur apart. Together they are one step
+of another blur: as of the components of a mixture, its variance is that of each and that of their places.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
+from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
+from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.tracker.robust.edges.step_kernels import LEAST_STEP, Strip, learned_light, solve, sums_of_steps
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+COMPONENTS = 3
+"""Steps fitted to an edge."""
+ALONG_PX = 2
+"""Scan lines to either side of a control point."""
+LEAST_MEASURED, MOST_MEASURED = 5, 24
+"""Control points at which the blur is measured: the median of fewer is not that of the image; more, spread over all,
+take time."""
+
+Indices = NDArray[np.int64]
+
+
+@compiled("u3 lines i1 f2 f1 f0", lines=SEARCH_LINES)
+def excess_blur(
+    image: Image, at: SearchLines, rows: Indices, appearance: Array, distance: Array, blur_px: float
+) -> float:
+    """Variance of the blur in px^2 beyond that of blur_px: the median over control points of edges that stand alone.
+
+    rows (n,) of appearance; distance (n,) in px of a step from the point along its normal, inf where none is alone. NaN
+    where too few were measured.
+    """
+    lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
+    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), np.empty((size, size))
+    A, x = np.empty((COMPONENTS, COMPONENTS)), np.empty(COMPONENTS)
+    strip, alone = Strip(ALONG_PX, ALONG_PX, blur_px), 0
+    for p in range(len(rows)):
+        alone += int(distance[p] < np.inf)
+    every, alone = 1 + alone // MOST_MEASURED, 0
+    for p in range(len(rows)):
+        if not distance[p] < np.inf:
+            continue
+        alone += 1
+        if alone % every or not learned_light(appearance[rows[p]], image.shape[2], colour) > 0.0:
+            continue
+        for k in range(COMPONENTS):
+            moved = distance[p] + (k - 1) * blur_px
+            edges[k, NORMAL_U], edges[k, NORMAL_V] = lines[p, NORMAL_U], lines[p, NORMAL_V]
+            edges[k, U] = lines[p, U] + moved * lines[p, NORMAL_U]
+            edges[k, V] = lines[p, V] + moved * lines[p, NORMAL_V]
+        n = sums_of_steps(image, edges, 0.0, strip, colour, sums)
+        if n == 0:
+            continue
+        for i in range(COMPONENTS):  # the level is eliminated
+            x[i] = sums[size - 2, 2 * i] - sums[size - 1, size - 2] * sums[size - 1, 2 * i] / n
+            for j in range(i + 1):
+                A[i, j] = sums[2 * i, 2 * j] - sums[size - 1, 2 * i] * sums[size - 1, 2 * j] / n
+                A[j, i] = A[i, j]
+        if not solve(A, x):
+            continue
+        height = x[0] + x[1] + x[2]
+        if height > LEAST_STEP:
+            mean = blur_px * (x[2] - x[0]) / height
+            measured[known] = blur_px**2 * (x[2] + x[0]) / height - mean**2
+            known += 1
+    return float(np.median(measured[:known])) if known >= LEAST_MEASURED else math.nan
