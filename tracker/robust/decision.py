@@ -10,8 +10,8 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import FAR_CHI2, isotropic_covariance
-from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.ranking import Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
@@ -25,31 +25,53 @@ class Decision(NamedTuple):
     """A fit, and whether it is accepted.
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
-    well. searched: the fit is that of a pose search.
+    well. searched: the fit is that of a pose search. doubted: a settled pose that is not told apart yet from those
+    around it.
     """
 
     fit: Fit
     settled: bool
     rivalled: bool = False
     searched: bool = False
+    doubted: bool = False
 
 
 class Decider:
     """Decides on the fit of each frame; searches for another pose where it has little support."""
 
     def __init__(self, fitter: EdgeFitter, camera: Camera, state: TrackState, config: RobustConfig) -> None:
-        self.fitter, self.camera, self.state, self.config = fitter, camera, state, config
+        self.fitter, self.state, self.config = fitter, state, config
         self.relocator = Relocator(fitter, camera)
+        self.doubts = Doubts(fitter, self.relocator.searcher)
         self.until_search = 0
-        self.was_wrong = self.kept_initial = False
+        self.was_wrong = self.kept_initial = self.vouched = False
 
     def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
+        first = self.state.is_first
         found = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, found.fit, clock)
         settled = found.settled and self.state.holds(fit, frame.predicted, found.searched)
         self.state.is_lost = not settled
-        return Decision(fit, settled, found.rivalled)
+        if settled and first:
+            self.vouched = self.kept_initial or self.is_as_given(fit)
+        if not settled or self.vouched or self.doubts.settled:
+            return Decision(fit, settled, found.rivalled)
+        return Decision(self.doubted(frame, fit, clock), True, doubted=not self.doubts.settled)
+
+    def is_as_given(self, fit: Fit) -> bool:
+        """Whether a fit is at the initial pose, while no other was accepted."""
+        return fit.finite and self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+
+    def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
+        with clock.stage("relocalize"):
+            better = self.doubts.better(frame.image, fit, self.state.range_m)
+        if better is None:
+            return fit
+        self.fitter.forget()
+        self.state.begin_again(better)
+        return self.fitter.located(better, clock)
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""
@@ -77,11 +99,8 @@ class Decider:
         if not (contradict and room and fit.control_points >= MIN_POINTS):
             return fit
         with clock.stage("relocalize"):
-            kept, self.fitter.texture = (
-                self.fitter.texture,
-                Texture(self.fitter.edges, self.camera, self.fitter.view, self.config),
-            )
-            self.fitter.texture.now_s = kept.now_s
+            kept = self.fitter.texture
+            self.fitter.forget_patches()
             narrow = isotropic_covariance(self.config.initialization.sigma, self.state.range_m)
             alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
             if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + relocalization.lead):
@@ -141,7 +160,7 @@ class Decider:
         found = self.relocator.search(
             Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow)
         )
-        given = self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        given = first and self.is_as_given(fit)
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.
         unvouched = first and not given
         searched = unvouched or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))

@@ -1,5 +1,6 @@
 """Fit of a pose to an image from a prediction: control points, search, hypotheses and M-estimation."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -63,22 +64,39 @@ class EdgeFitter:
     """Fits poses to images, and learns the appearance of the edges."""
 
     def __init__(self, structure: Structure, camera: Camera, rng: np.random.Generator, config: RobustConfig) -> None:
-        self.config, self.values = config, KernelConfig.of(config)
+        self.camera, self.config, self.values = camera, config, KernelConfig.of(config)
         self.edges = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
         self.view = View.of(camera, structure)
-        self.texture = Texture(self.edges, camera, self.view, config)
-        self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
-        self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
-        self.learned = self.most_points = 0
+        self.most_points, self.now_s = 0, 0.0
         self.sharp = True
         self.blur = Blur()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.draws = rng.random((HYPOTHESES, EDGES_DRAWN * DRAWS_PER_EDGE))
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the appearance of the edges, the patches and the biases."""
+        self.forget_patches()
+        self.biases = NuisanceBiases(len(self.edges.ends) * 3, self.config.solver.bias)
+        self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
+        self.learned = 0
+
+    def forget_patches(self) -> None:
+        """Forget the patches."""
+        self.texture = Texture(self.edges, self.camera, self.view, self.config)
+        self.texture.now_s = self.now_s
+
+    def without_memory(self) -> "EdgeFitter":
+        """A fitter of the same structure and the same draws that has learned nothing."""
+        other = copy.copy(self)
+        other.forget()
+        return other
 
     def begin(self, stamp_ns: int, step_s: float, sharp: bool) -> None:
         """Begin with a frame by its stamp, step_s after the previous one; sharp: its image was not smoothed."""
-        self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
+        self.now_s = self.texture.now_s = stamp_ns * 1e-9
+        self.sharp = sharp
         self.work = Work(self.config.budget.allowed(step_s))
 
     def cost(self, fits: int) -> int:

@@ -78,10 +78,18 @@ class TrackState:
         if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
             self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
 
+    def begin_again(self, fit: Fit) -> None:
+        """Begin again at a fit, as if no frame had been ok before."""
+        self.motion, self.tentative = Motion(fit.cam_from_world, fit.covariance), None
+        self.ok_ns, self.usual_support, self.frames_ok = None, 0.0, 0
+        self.prediction_errors = PredictionErrors()
+
     def learn(self, predicted: Motion, fit: Fit, dt_s: float, stamp_ns: int) -> None:
         """Update motion, usual support and the errors of predictions with a frame that is ok."""
         rate = self.config.edges.appearance.learning_rate
-        if not self.is_first:
+        if self.is_first:
+            dt_s = 0.0  # there is no pose before it that would tell a velocity
+        else:
             self.prediction_errors = self.prediction_errors.updated(predicted, fit.cam_from_world, rate)
         self.motion, self.tentative = self.motion.update(fit.cam_from_world, fit.covariance, dt_s), None
         # The first frame says little about the next ones, since the appearance of its edges is not known yet.

@@ -52,6 +52,8 @@ CANDIDATES = 8
 """Poses kept per viewing direction, and poses refined in total: limits their time."""
 GOLDEN = 0.6180339887498949
 """Golden-ratio constant, whose multiples modulo 1 are evenly distributed for any number of them."""
+ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
+"""Steps of a quasi-random sequence in six dimensions (Roberts 2018)."""
 Indices = NDArray[np.int64]
 STILL = np.zeros((1, 6))
 
@@ -140,6 +142,14 @@ class PoseSearch:
         """Steps (6,) of a pose's changes, as `turned_about` takes them; half a step of shifts."""
         c = self.config
         return np.array([c.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
+
+    def nearby(self, pose: RigidMotion, focus: Array, k: int) -> RigidMotion:
+        """The k-th quasi-random pose about a pose, turned about a point (3,) of the camera frame by half a step of
+        viewing directions and less, and changed by a step of roll, range and shifts and less.
+        """
+        reach = self.steps
+        reach[:2] = self.turn_rad
+        return turned_about(pose.R, pose.t, focus, (k * ROBERTS % 1.0 * 2 - 1) * reach)
 
     def block(self, azimuth_rad: float, elevation_rad: float, reach: Reach) -> Block:
         """Block of a viewing direction, rotated from the guess's."""

@@ -25,7 +25,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
     Scored,
     grid,
 )
-from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, turned_about
+from uavbench.tracker.robust.relocalization.pose_search_kernels import Target
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import NONE, TriedPoses
@@ -34,8 +34,6 @@ from uavbench.tracker.robust.work import DISTANCES
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
-ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
-"""Steps of a quasi-random sequence in six dimensions (Roberts 2018)."""
 FAR_VIEW_RAD, FAR_RANGE_PART, FAR_SHIFT_PART = 0.4, 0.25, 0.3
 """Extent far from a guess: of azimuth, and of elevation half as much; of the relative range; of shifts, as a fraction
 of the image width. Limits the time of a complete search: around one guess it takes up to 60,000,000 evaluations, as
@@ -271,10 +269,7 @@ class Relocator:
         c, pose, focus = self.config, motion(fit.cam_from_world), fit.focus
         if focus is None:
             return
-        reach = self.searcher.steps
-        reach[:2] = self.searcher.turn_rad
-        change = (self.perturbations * ROBERTS % 1.0 * 2 - 1) * reach
-        yield Attempt(turned_about(pose.R, pose.t, focus, change), c.found_sigma, c.refit_half_px)
+        yield Attempt(self.searcher.nearby(pose, focus, self.perturbations), c.found_sigma, c.refit_half_px)
 
 
 class Turn(NamedTuple):

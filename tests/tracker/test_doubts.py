@@ -1,0 +1,118 @@
+"""A first pose that was searched is doubted until the poses around it have been tried."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import CAMERA, box, flown
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import isotropic_covariance
+from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.doubts import ENOUGH, MOST_FRAMES, Doubts
+from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
+
+STEP_NS = 66_666_667
+CONFIG = RobustConfig()
+
+
+def off(pose, shift_m, turn_rad):
+    """A pose moved along x, and turned about y."""
+    moved = Pose.exp(np.array([shift_m, 0.0, 0.0, 0.0, turn_rad, 0.0])) @ pose
+    return Pose(np.ascontiguousarray(moved.rotation), np.ascontiguousarray(moved.translation))
+
+
+def error_m(pose, true):
+    return np.linalg.norm(pose.inverse().translation - true.inverse().translation)
+
+
+class Doubted:
+    """Doubts of a tracker of a box in one image; `after` frames of another fitter's doubts."""
+
+    def __init__(self, seed=11):
+        poses, images = flown(1, seed=seed)
+        self.true, self.image = poses[0], images[0]
+        self.range_m = float(np.linalg.norm(self.true.transform(box().bounds.mean(axis=0)[None])))
+        self.fitter = EdgeFitter(box(), CAMERA, np.random.default_rng(0), CONFIG)
+        self.doubts = Doubts(self.fitter, Relocator(self.fitter, CAMERA).searcher)
+
+    def held(self, pose):
+        """A fit that is held at a pose."""
+        self.begin()
+        fit = self.fitter.searched(self.image, pose, isotropic_covariance(0.005, self.range_m), StageClock(), 12.0)
+        return replace(fit, cam_from_world=pose)
+
+    def begin(self):
+        self.fitter.begin(0, 0.066, True)
+
+    def after(self, fit: Fit, frames: int) -> Fit | None:
+        """The better fit that so many frames find, if any does."""
+        for _ in range(frames):
+            self.begin()
+            if (better := self.doubts.better(self.image, fit, self.range_m)) is not None:
+                return better
+        return None
+
+
+@pytest.mark.parametrize(("shift_m", "turn_rad"), [(0.05, 0.0), (-0.04, 0.03), (0.03, -0.05)])
+def test_a_wrong_pose_is_left_for_the_right_one(shift_m, turn_rad):
+    there = Doubted()
+    better = there.after(there.held(off(there.true, shift_m, turn_rad)), 8)
+    assert better is not None
+    assert error_m(better.cam_from_world, there.true) < 0.01
+    assert not there.doubts.settled  # the new one is doubted as well
+
+
+def test_a_right_pose_is_kept_and_soon_beyond_doubt():
+    there = Doubted()
+    fit = there.held(there.true)
+    assert there.after(fit, 8) is None
+    assert there.doubts.in_vain == ENOUGH and there.doubts.settled
+
+
+def test_what_is_learned_at_a_wrong_pose_has_no_say():
+    there = Doubted()
+    wrong = there.held(off(there.true, 0.05, 0.0))
+    there.fitter.appearance[:] = 77.0
+    better = there.after(wrong, 8)
+    assert better is not None and error_m(better.cam_from_world, there.true) < 0.01
+    assert not there.doubts.innocent.appearance.any()
+
+
+def test_it_ends_where_budgets_are_too_small_for_a_fit():
+    config = replace(CONFIG, budget=replace(CONFIG.budget, evaluations=1))
+    fitter = EdgeFitter(box(), CAMERA, np.random.default_rng(0), config)
+    doubts = Doubts(fitter, Relocator(fitter, CAMERA).searcher)
+    there = Doubted()
+    fit = there.held(there.true)
+    for _ in range(MOST_FRAMES):
+        assert not doubts.settled
+        fitter.begin(0, 0.066, True)
+        assert doubts.better(there.image, fit, there.range_m) is None
+    assert doubts.settled and doubts.in_vain == 0
+
+
+def test_frames_are_ambiguous_until_then_and_ok_afterwards():
+    poses, images = flown(12, seed=11)
+    range_m = float(np.linalg.norm(poses[0].transform(box().bounds.mean(axis=0)[None])))
+    run = Robust().start(box(), CAMERA, off(poses[0], 0.04 * range_m, 0.07), np.random.default_rng(0))
+    results = [run.track(image, i * STEP_NS) for i, image in enumerate(images)]
+    statuses = [result.status for result in results]
+    began = statuses.index("ok")
+    assert "ambiguous" in statuses[:began]
+    assert set(statuses[began:]) == {"ok"} and began <= 8
+    for result, true in zip(results, poses, strict=True):
+        if result.status == "ok":
+            assert error_m(result.cam_from_world, true) < 0.01
+    told = [result for result in results if result.status == "ambiguous"]
+    assert all(result.cam_from_world is None and result.guess is not None for result in told)
+
+
+def test_an_initial_pose_that_the_image_supports_is_not_doubted():
+    poses, images = flown(3, seed=11)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    assert [run.track(image, i * STEP_NS).status for i, image in enumerate(images)] == ["ok"] * 3
