@@ -10,6 +10,7 @@ from uavbench.bench.gallery.examples import Example, example_of, sites
 from uavbench.bench.gallery.flights import path_picture, sensor_picture, unit_of
 from uavbench.bench.gallery.page import SECTIONS
 from uavbench.bench.gallery.scenes import (
+    BARE,
     effect_picture,
     environment_picture,
     mount_picture,
@@ -19,6 +20,8 @@ from uavbench.bench.gallery.scenes import (
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.world.studio import Studio
 
+FIELD_FROM = 15
+"""Row of a picture of 64 rows above which it shows sky, hills and trees alone."""
 ALL = [(protocol, kind) for protocol in SECTIONS for kind in PLUGINS[protocol][0]]
 
 
@@ -50,10 +53,24 @@ def test_every_part_of_a_site_is_shown():
 def test_a_site_is_on_the_right_half_alone():
     spec = sites()["wet"].spec
     spec = replace(spec, camera=replace(spec.camera, width=96, height=64))
-    bare = environment_picture(replace(spec, environment=replace(spec.environment, site=Site())))[:, 24:72]
+    bare = environment_picture(replace(spec, environment=replace(spec.environment, site=BARE)))[:, 24:72]
     left, right = np.split(site_picture(spec).astype(int), 2, axis=1)
     np.testing.assert_array_equal(left[:, :46], bare[:, :46])
     assert (np.abs(right[:, 2:] - bare[:, 2:]).max(axis=2) > 10).mean() > 0.05
+    np.testing.assert_array_equal(right[:FIELD_FROM, 2:], bare[:FIELD_FROM, 2:])
+
+
+def test_contact_shadows_darken_the_foot_of_the_structure_and_change_nothing_else():
+    spec = sites()["contact_shadows"].spec
+    spec = replace(spec, camera=replace(spec.camera, width=96, height=64))
+    bare, shown = (
+        environment_picture(replace(spec, environment=replace(spec.environment, site=site))).astype(int)
+        for site in (BARE, spec.environment.site)
+    )
+    np.testing.assert_array_equal(shown[:FIELD_FROM], bare[:FIELD_FROM])
+    changed = (np.abs(shown - bare).max(axis=2) > 3).mean()
+    assert 0.005 < changed < 0.15, changed
+    assert shown.sum() < bare.sum()
 
 
 def test_the_structure_fills_its_picture():

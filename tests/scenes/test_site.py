@@ -70,6 +70,31 @@ def test_without_a_site_the_ground_stays_plain() -> None:
     )
 
 
+def test_hills_and_sky_are_the_same_with_and_without_a_site(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(materials.PAINTS, "grass", lambda rng: PLAIN)
+    bounds = bridge().structure.bounds
+    without, on_site = (Outdoor(site=site).build(bounds, np.random.default_rng(5)) for site in (Site(), Site(wet=0.5)))
+    assert on_site.sky is not None and without.sky is not None and on_site.sky.tobytes() == without.sky.tobytes()
+    assert len(on_site.parts) == len(without.parts) - 1
+    for ours, theirs in zip(on_site.parts, without.parts[1:], strict=True):
+        assert ours.texture.tobytes() == theirs.texture.tobytes()
+
+
+def test_contact_shadows_leave_plants_and_the_tones_of_the_ground() -> None:
+    plain, shaded = (site_of(Site(beneath="river", plants=1.0, contact_shadows=contact)) for contact in (False, True))
+    tufts, same = ([p for p in site.parts if p.instance == plants.INSTANCE] for site in (plain, shaded))
+    for a, b in zip(tufts, same, strict=True):
+        assert a.vertices.tobytes() == b.vertices.tobytes()
+    tones = []
+    for site in (plain, shaded):
+        ground = [p for p in site.parts if p.instance == 0 and p.tint is not None and not p.casts_shadow]
+        tones.append({tuple(v.round(3)): t[0] for p in ground for v, t in zip(p.vertices, p.tint, strict=True)})
+    common = tones[0].keys() & tones[1].keys()
+    assert len(common) > 500 and len(tones[1]) > len(tones[0])
+    assert np.std([tones[0][at] for at in common]) > 0.03
+    assert max(abs(tones[0][at] - tones[1][at]) for at in common) < 1e-12
+
+
 def test_a_bank_has_its_slope_and_a_river_its_depth() -> None:
     terrain = Terrain(bridge().structure.bounds, np.zeros((0, 2, 2)), Course("river", 1.0, 7.0))
     x = np.array([1.0, 8.0 - BANK_SLOPE * BED_M, 8.0 - BANK_SLOPE * WATER_M, 7.0, 8.0, 9.0, -6.0, -30.0])
