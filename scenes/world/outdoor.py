@@ -33,7 +33,7 @@ class Outdoor:
     is the extinction coefficient. site shapes the ground to the structure; by default it is level and empty.
     """
 
-    ground: Literal["grass", "gravel", "asphalt", "concrete"] = "grass"
+    ground: Literal["grass", "meadow", "gravel", "asphalt", "concrete"] = "grass"
     sun_elevation_deg: Annotated[float, Interval(gt=3, le=90)] = 42.0
     sun_azimuth_deg: float | None = None
     cloudiness: Annotated[float, Interval(ge=0, le=1)] = 0.35
