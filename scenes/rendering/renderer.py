@@ -266,13 +266,14 @@ class Renderer:
         for image in (part.film.texture if part.film is not None else None, part.soil):
             if image is not None:
                 self._texture(image)  # uploads it
-        return Mesh(self._gl, part, self._texture(part.texture if part.ripples is None else part.ripples), lit)
+        surface = part.texture if part.ripples is None else part.ripples
+        return Mesh(self._gl, part, self._texture(surface, keeps_cover=part.keeps_cover), lit)
 
-    def _texture(self, source: Texture | None, mipmap: bool = True) -> int:
+    def _texture(self, source: Texture | None, mipmap: bool = True, keeps_cover: bool = False) -> int:
         image = WHITE if source is None else source
         if id(image) not in self._textures:
             self._kept.append(image)
-            self._textures[id(image)] = upload(self._gl, image, mipmap)
+            self._textures[id(image)] = upload(self._gl, image, mipmap, keeps_cover)
         return self._textures[id(image)]
 
 
