@@ -5,6 +5,8 @@ in one of the two cases the main camera is on a gimbal.
 """
 
 import json
+import re
+import shutil
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation, Slerp
 
+from tests.hand_made import hand_made
 from tests.scenes.test_bag_exports import matrix, ns, read
 from tests.scenes.test_exports_by_own_readers import bodies, notes, numbers, rendered, stamps
 from tests.scenes.views_of_exports import Views, bodies_of_euroc, picture, pinhole, views
@@ -371,6 +374,18 @@ def test_kalibrs_chain_is_that_of_the_toml(fixed, gimbal, tmp_path):
         assert said["cam_overlaps"] == [1 - NAMES.index(name)]
     with pytest.raises(UserError, match="camera 'camera' is on a gimbal"):
         exported(gimbal, "kalibr", tmp_path / "none")
+
+
+def test_kalibrs_files_are_listed_and_an_offset_that_is_none_is_named(fixed, tmp_path):
+    out = exported(fixed, "kalibr", tmp_path / "out")
+    assert {path.name for path in out.glob("*.yaml")} == {"camchain-imucam.yaml", "imu0.yaml"}
+    assert all(f"- `{path.name}`: " in (out / "README.md").read_text() for path in out.glob("*.yaml"))
+    path = hand_made(shutil.copytree(fixed, tmp_path / "broken")) / "sequence.json"
+    info = json.loads(path.read_text())
+    info["sensors"]["imu.csv"]["offset_m"] = "x"
+    path.write_text(json.dumps(info))
+    with pytest.raises(UserError, match=re.escape(f"{path}: offset_m of imu.csv: ")):
+        exported(tmp_path / "broken", "kalibr", tmp_path / "none")
 
 
 def test_kalibrs_topics_are_those_of_the_bag_that_is_exported_with_it(fixed, tmp_path):

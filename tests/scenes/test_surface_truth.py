@@ -222,16 +222,20 @@ def random_scene(rng: np.random.Generator) -> dict[str, np.ndarray]:
     motions = np.concatenate(
         [rotation_exp(rng.normal(scale=0.1, size=(4, 3))), rng.normal(scale=1.5, size=(4, 3, 1))], axis=2
     )
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    eye, rotation, offsets = rng.normal(size=3), rotation_exp(rng.normal(size=3)), rng.uniform(-8.0, 8.0, facets)
+    normals[-1] = rotation[:, 2]  # before nearly everything, so that a pixel without a facet, -1, is not taken for it
+    offsets[-1] = normals[-1] @ eye + 0.2
     return {
         "depths": depths,
         "rows": rows,
         "mover_of": rng.integers(0, 4, facets),
         "motions": motions,
-        "normals": normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        "offsets": rng.uniform(-8.0, 8.0, facets),
+        "normals": normals,
+        "offsets": offsets,
         "seen": seen,
-        "eye": rng.normal(size=3),
-        "rotation": rotation_exp(rng.normal(size=3)),
+        "eye": eye,
+        "rotation": rotation,
     }
 
 
