@@ -225,6 +225,9 @@ def test_an_absent_blender_is_told_as_absent(sequence, tmp_path, monkeypatch):
 def test_a_blender_that_is_too_old_or_none_is_named(sequence, tmp_path, monkeypatch):
     fake_blender(tmp_path, monkeypatch, "echo 'Blender 2.83.5'; echo '  build date: 2020'")
     refused(twin(sequence, "--out", tmp_path / "t"), "2.83.5", "too old", "at least 3.1")
+    monkeypatch.delenv("UAVBENCH_BLENDER")
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    refused(twin(sequence, "--out", tmp_path / "t"), str(tmp_path / "blender"), "too old", "apt-get install blender")
     fake_blender(tmp_path, monkeypatch, "echo 'no display' >&2; exit 3")
     refused(twin(sequence, "--out", tmp_path / "t"), "prints no version", "no display")
 

@@ -59,11 +59,11 @@ def trace(seen: Any, pixels: Any, tried: Any, planes: Any, rays: Any, rows: Any,
 
     seen (h, w): rendered facets, -1 for none. pixels: column and row (k, 2) of the rendered pixel next to each pixel,
     and of the one to which steps are added. tried: steps (m, 2), and the number of the first ones that are tried for
-    every pixel, the others until its ray meets a facet. planes: normals, offsets, corners. rays: their origin in the
-    world, the rotation (3, 3) from the camera to the world, and directions (k, 3) in the camera's frame through the
-    pixels, and through the centres of those rendered next to them. A ray that misses all facets has the plane of the
-    one rendered next to it; where that plane is too slanted, its depth in the centre. Without a facet rows are -1, and
-    depths are left.
+    every pixel; the others are left out where those show one facet, and the ray meets it. planes: normals, offsets,
+    corners. rays: their origin in the world, the rotation (3, 3) from the camera to the world, and directions (k, 3) in
+    the camera's frame through the pixels, and through the centres of those rendered next to them. A ray that misses all
+    facets has the plane of the one rendered next to it; where that plane is too slanted, its depth in the centre.
+    Without a facet rows are -1, and depths are left.
     """
     next_to, base = pixels
     steps, sure = tried
@@ -73,16 +73,17 @@ def trace(seen: Any, pixels: Any, tried: Any, planes: Any, rays: Any, rows: Any,
     for k in range(through.shape[0]):
         x, y, z = turned(rotation, through[k, 0], through[k, 1], through[k, 2])
         centre = seen[next_to[k, 1], next_to[k, 0]]
-        best, row, last = np.inf, np.int64(-1), np.int64(-1)
+        best, row, last, alike = np.inf, np.int64(-1), np.int64(-1), True
         for number in range(steps.shape[0]):
-            if number >= sure and (centre < 0 or best < np.inf):
+            if number == sure and alike and (centre < 0 or best < np.inf):
                 break
             i = min(max(base[k, 1] + steps[number, 1], 0), h - 1)
             j = min(max(base[k, 0] + steps[number, 0], 0), w - 1)
             facet = seen[i, j]
-            if facet < 0 or facet == last:
+            is_new, last = facet != last, facet
+            alike = alike and (number == 0 or not is_new)
+            if facet < 0 or not is_new:
                 continue
-            last = facet
             share = plane_share(normals[facet], offsets[facet], eye, x, y, z)
             if share < best and is_inside(corners[facet], eye[0] + share * x, eye[1] + share * y, eye[2] + share * z):
                 best, row = share, facet
