@@ -24,7 +24,7 @@ from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.ground_truth_files import read_row_poses
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import FORMAT, format_of
+from uavbench.scenes.dataset.table_files import FORMAT, SAME_FRAMES_FROM, format_of
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.link import Drops
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
@@ -112,7 +112,7 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     config = sequence.info.get("config")
     if sequence.recorded or not isinstance(config, dict):
         raise UserError(f"{path}: has no `config` to build its scene from, as recordings have none; render a sequence")
-    if (older := format_of(path, sequence.info)) != FORMAT:
+    if (older := format_of(path, sequence.info)) < SAME_FRAMES_FROM:
         raise UserError(
             f"{path}: is of format {older}, not {FORMAT}: this version renders other frames; render it again"
         )

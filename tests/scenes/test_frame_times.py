@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import FORMAT, read_integers, read_numbers
+from uavbench.scenes.dataset.table_files import FORMAT, SAME_FRAMES_FROM, read_integers, read_numbers
 from uavbench.scenes.dataset.verify import compare, write_manifest
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.generate import generate
@@ -153,6 +153,16 @@ def test_an_older_sequence_says_why_its_bytes_differ(sequence: Sequence, tmp_pat
     )
     done = CliRunner().invoke(main, ["twin", str(old), "--out", str(tmp_path / "twin")])
     assert done.exit_code == 2 and f"is of format 1, not {FORMAT}" in done.output, done.output
+
+
+def test_a_twin_is_made_of_an_older_sequence_whose_frames_are_rendered_alike(
+    sequence: Sequence, tmp_path: Path
+) -> None:
+    """It is refused for the file of its path alone, which is asked for after the format."""
+    for number, refused in ((SAME_FRAMES_FROM, "lies outside of"), (SAME_FRAMES_FROM - 1, "is of format")):
+        old = of_format(number, sequence, tmp_path / str(number))
+        done = CliRunner().invoke(main, ["twin", str(old), "--out", str(tmp_path / "twin")])
+        assert done.exit_code == 2 and refused in done.output, done.output
 
 
 @pytest.mark.parametrize(
