@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from uavbench.scenes.dataset.surfaces.surface_files import NORMAL_UNITS
+from uavbench.scenes.dataset.surfaces.trace_kernels import end_of_run
 from uavbench.trajectories.kernels.compiled import compiled
 
 BYTES = 6
@@ -21,16 +22,23 @@ def normal_rows(rows: Any, corners: Any, cam_from_world: Any, out: Any) -> None:
     for i in range(h):
         begin = 0
         while begin < w:
-            facet, end = rows[i, begin], begin + 1
-            while end < w and rows[i, end] == facet:
-                end += 1
-            if facet < 0 or i == 0 or rows[i - 1, begin] != facet:
-                _put(corners, facet, cam_from_world, out[i, BYTES * begin : BYTES * begin + BYTES])
+            facet = rows[i, begin]
+            end = end_of_run(rows[i], begin, w, facet)
+            done = end_of_run(rows[i - 1], begin, end, facet) if i > 0 else begin
+            if done > begin:
+                _copy(out[i - 1, BYTES * begin : BYTES * done], out[i, BYTES * begin : BYTES * done])
             else:
-                for k in range(BYTES * begin, BYTES * begin + BYTES):
-                    out[i, k] = out[i - 1, k]
-            _repeat(out[i, BYTES * begin : BYTES * end])
+                done += 1
+                _put(corners, facet, cam_from_world, out[i, BYTES * begin : BYTES * done])
+            _repeat(out[i, BYTES * (done - 1) : BYTES * end])
             begin = end
+
+
+@compiled
+def _copy(above: Any, out: Any) -> None:
+    """Copy bytes."""
+    for k in range(out.size):
+        out[k] = above[k]
 
 
 @compiled

@@ -23,9 +23,8 @@ def trace_centres(seen: Any, facets: Any, tried: Any, background: float, rows: A
     for i in range(h):
         begin = 0
         while begin < w:
-            facet, end = seen[i, begin], begin + 1
-            while end < w and seen[i, end] == facet:
-                end += 1
+            facet = seen[i, begin]
+            end = end_of_run(seen[i], begin, w, facet)
             if facet < 0:
                 rows[i, begin:end], near[i, begin:end] = facet, background
             elif _is_on(facets, facet, begin, i) and _is_on(facets, facet, end - 1, i):
@@ -56,6 +55,18 @@ def trace(seen: Any, places: Any, facets: Any, tried: Any, background: float, ro
             rows[i, j], near[i, j] = _met(seen, facets, (u, v), next_to, base, tried)
             if rows[i, j] < 0:
                 near[i, j] = background
+
+
+@compiled
+def end_of_run(row: Any, begin: int, stop: int, facet: int) -> Any:
+    """The first place from a beginning to a stop at which a row does not show a facet; or the stop.
+
+    With places without a sign, which need no check for one below 0.
+    """
+    place, last = np.uint64(begin), np.uint64(stop)
+    while place < last and row[place] == facet:
+        place += np.uint64(1)
+    return np.int64(place)
 
 
 @compiled
