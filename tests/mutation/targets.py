@@ -68,7 +68,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("scenes/exports/kalibr.py", "scenes/test_cameras", "scenes/test_rig_exports"),
         *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),
-        *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman")),
+        *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman", "matches")),
         _target("scenes/png/encoder.py", "scenes/test_png"),
         _target("trajectories/trajectory_files/formats.py", "trajectories/test_formats"),
         _target("trajectories/trajectory_files/covariances.py", "trajectories/test_covariances"),
