@@ -340,7 +340,7 @@ def test_the_rows_of_normals_are_the_formula_on_random_facets() -> None:
 
 @pytest.mark.parametrize("with_lens", [False, True])
 def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens: bool) -> None:
-    """Without a lens the first one; of random facets, and with some pixels that show another, as if drawn elsewhere."""
+    """Without a lens its own first; of random facets, and with some pixels that show another, as if drawn elsewhere."""
     rng = np.random.default_rng(9)
     corners = np.concatenate([rng.normal(size=(30, 3, 2)) * 3, rng.uniform(3, 6, (30, 3, 1))], axis=2)
     table = facet_table(corners, Pose.identity())
@@ -375,7 +375,7 @@ def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens:
         around = [seen[min(max(base[1] + y, 0), WIDE[0] - 1), min(max(base[0] + x, 0), WIDE[1] - 1)] for x, y in steps]
         centre = seen[tuple(np.rint(place).astype(int)[::-1])]
         if not with_lens:
-            around = [centre] if centre < 0 else next(([k] for k in around if k >= 0 and nearness[k] > 0), [])
+            around = [centre] if centre < 0 or nearness[centre] > 0 else around
         found = [k for k in around if k >= 0 and nearness[k] > 0]
         if found:
             best = max(found, key=lambda k: nearness[k])
