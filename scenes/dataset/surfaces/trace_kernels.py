@@ -43,7 +43,8 @@ def trace(seen: Any, places: Any, facets: Any, tried: Any, background: float, ro
     seen (h', w'): rendered facets, -1 for none. places (h, w, 2): where the rays of the camera's pixels meet the
     rendered image, px. tried: steps (m, 2) that are added to the rendered pixel left of and above a place, and the
     number of the first ones that are tried for every pixel; the others are left out where those show one facet, and the
-    ray meets it. A ray that misses all facets has the plane of the one rendered next to it; where that plane is too slanted, its depth in the centre.
+    ray meets it. A ray that misses all facets has the plane of the one rendered next to it; where that plane is too
+    slanted, its depth in the centre.
     Without a facet rows are -1, and the inverse depth that of the background.
     """
     h, w = rows.shape
