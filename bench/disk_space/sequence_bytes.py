@@ -41,28 +41,28 @@ class FrameBytes:
 
 MEASURED_PX, MEASURED_HZ = 640 * 480, 15.0
 MEASURED: Mapping[type, FrameBytes] = {
-    Box: FrameBytes(image=0.98, noisy=1.40, depth=0.47, flow=0.43, normals=0.035, edges=650),
-    Wall: FrameBytes(image=1.45, noisy=1.60, depth=0.24, flow=0.16, normals=0.040, edges=5500),
-    Bridge: FrameBytes(image=1.16, noisy=1.50, depth=0.53, flow=0.55, normals=0.125, edges=25000),
-    Building: FrameBytes(image=1.11, noisy=1.48, depth=0.44, flow=0.17, normals=0.060, edges=17500),
-    Truss: FrameBytes(image=1.18, noisy=1.56, depth=0.61, flow=0.30, normals=0.151, edges=41500),
-    Checkerboard: FrameBytes(image=0.85, noisy=1.40, depth=0.39, flow=0.35, normals=0.032, edges=2000),
+    Box: FrameBytes(image=0.98, noisy=1.40, depth=0.21, flow=0.51, normals=0.023, edges=650),
+    Wall: FrameBytes(image=1.45, noisy=1.60, depth=0.07, flow=0.055, normals=0.024, edges=5500),
+    Bridge: FrameBytes(image=1.16, noisy=1.50, depth=0.23, flow=0.38, normals=0.055, edges=25000),
+    Building: FrameBytes(image=1.11, noisy=1.48, depth=0.29, flow=0.24, normals=0.040, edges=17500),
+    Truss: FrameBytes(image=1.18, noisy=1.56, depth=0.36, flow=0.41, normals=0.144, edges=41500),
+    Checkerboard: FrameBytes(image=0.85, noisy=1.40, depth=0.17, flow=0.38, normals=0.023, edges=2000),
 }
 """Seen by a level camera: means over flights of the suites and over ground, floors and surfaces, indoors and outdoors.
 A wall of bricks and one of panels are 0.2 of `image` apart from this mean of theirs."""
-DOWN = {"image": 0.013, "noisy": 0.006, "depth": 0.006}
+DOWN = {"image": 0.013, "noisy": 0.006, "depth": 0.002}
 DOWN_DEG = (-20.0, 40.0)
 """More bytes per pixel for each degree that the camera looks down, onto ground in place of sky or of plain walls, and
 the angles at which box, bridge and building were measured; in a studio there are none."""
-OTHER = FrameBytes(image=1.12, noisy=1.49, depth=0.45, flow=0.33, normals=0.074, edges=15000)
+OTHER = FrameBytes(image=1.12, noisy=1.49, depth=0.22, flow=0.33, normals=0.052, edges=15000)
 """A model from a file, or a structure of one's own: the mean of the others."""
 STUDIO = {"image": 0.10, "noisy": 1.40, "depth": 0.06}
 """The same before a plain backdrop: of 0.02 (box) to 0.2 (truss) without noise, and 0.01 to 0.1."""
-PILOT_FLOW, FLOW_PER_OCTAVE, LEAST_FLOW = 0.38, 0.2, 0.01
+PILOT_FLOW, FLOW_PER_OCTAVE, LEAST_FLOW = 0.15, 0.09, 0.01
 """More flow, per pixel, where a pilot turns the view; where frames are twice as far apart; and of a view at rest."""
 JPEG_IMAGE = 0.85
 """Bytes of a frame that was compressed as JPEG before, over those without noise."""
-FINER = {"image": -0.08, "noisy": -0.04, "depth": -0.17, "flow": -0.05, "normals": -0.45, "mask": -0.45}
+FINER = {"image": -0.08, "noisy": -0.04, "depth": -0.29, "flow": -0.05, "normals": -0.38, "mask": -0.45}
 """Exponents of bytes per pixel over the number of pixels, from 160x120 to 1280x960: borders become fewer."""
 FRAME_ROWS_BYTES, ROW_POSE_BYTES = 800.0, 56.0
 """Bytes of a frame in tables and manifest with one file per annotation, and of the pose of an image row."""

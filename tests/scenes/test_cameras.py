@@ -376,9 +376,12 @@ def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, shif
         return found.bytes
 
     one = told(ONE)
-    pixels, more = 128 * 96 * (1.2 + 0.5), (128 * 96 + 80 * 64) * (1.2 + 0.5)
-    assert told(replace(ONE, cameras=(RIGHT, LATE))) - one == pytest.approx(8 * more, rel=1e-6)
-    assert one > 8 * pixels
+    for camera in (RIGHT, LATE):
+        files = (three.folder / "cameras" / camera.name).rglob("*.png")
+        taken = sum(path.stat().st_size for path in files)
+        assert told(replace(ONE, cameras=(camera,))) - one == pytest.approx(
+            taken, rel=0.5
+        )  # images of so few pixels vary
     late = replace(ONE, name="a-s0", clock=CameraClock(timeshift_cam_imu_s=SHIFT_S))
     assert extents([Render(late, tmp_path / "a-s0")])[0].frames == len(shifted)
     lidar = Lidar2d(rate_hz=20.0)
