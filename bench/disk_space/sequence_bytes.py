@@ -49,7 +49,9 @@ MEASURED: Mapping[type, FrameBytes] = {
     Checkerboard: FrameBytes(image=0.85, noisy=1.40, depth=0.17, flow=0.38, normals=0.023, edges=2000),
 }
 """Seen by a level camera: means over flights of the suites and over ground, floors and surfaces, indoors and outdoors.
-A wall of bricks and one of panels are 0.2 of `image` apart from this mean of theirs."""
+Depth, flow and normals: means of 2 to 5 flights a structure, 6 frames each; single flights have 0.07 to 0.39 of depth
+on bridges and 0.02 to 0.33 on checkerboards, least where a plane fills the view. A wall of bricks and one of panels are
+0.2 of `image` apart from this mean of theirs."""
 DOWN = {"image": 0.013, "noisy": 0.006, "depth": 0.002}
 DOWN_DEG = (-20.0, 40.0)
 """More bytes per pixel for each degree that the camera looks down, onto ground in place of sky or of plain walls, and
