@@ -40,8 +40,9 @@ class Part:
     of its own (for a parallelogram of two triangles); ripples makes the part level water that mirrors the scene, with
     slopes (R along x, G along y, zero at 128, RIPPLE_SLOPE per unit); distant parts cast shadows through a map of their
     own, which leaves that of the others as fine as it is; film wets the part; soil, at soil_uv (n, 2), is a texture of
-    factors on the albedo; instance is its value in the instance mask (0: obstacles, 1:
-    the structure); name identifies the piece of the structure.
+    factors on the albedo; an alpha mask that keeps_cover covers as much from afar, where the mean of blades and gaps
+    would be all gap; instance is its value in the instance mask (0: obstacles, 1: the structure); name identifies the
+    piece of the structure.
     """
 
     vertices: Array
@@ -59,6 +60,7 @@ class Part:
     film: Film | None = None
     soil: Texture | None = None
     soil_uv: Array | None = None
+    keeps_cover: bool = False
     name: str = ""
     instance: int = 0
 

@@ -60,7 +60,7 @@ def pack(suite_name: str, where: Packing) -> int:
         jobs = planned()
         with disowned_if_ended(jobs, planned), local_pool(where.workers) as pool:
             outcome = run_graph(jobs, *pool)
-            tell(outcome, truth)
+            tell(outcome, truth, suite_name)
             refuse_touched(jobs, planned, outcome.done)
         if outcome.failed:
             return 2 if outcome.users_mistake else 1

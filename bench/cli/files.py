@@ -71,7 +71,7 @@ def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str
     from uavbench.bench.config.suite import load_suite
     from uavbench.bench.config.suite_files import suite_file
     from uavbench.bench.twin.ranking import table
-    from uavbench.bench.twin.twin import Tracing, make_twin
+    from uavbench.bench.twin.twin import Tracing, left_out, make_twin
     from uavbench.scenes.dataset.sequence import Sequence
 
     trackers = load_suite(suite_file(suite)).trackers if suite else {}
@@ -82,8 +82,11 @@ def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str
             bar.update(done - bar.n)
 
         make_twin(sequence, out, Tracing(every, samples), on_frame)
+    given = Sequence.load(sequence)
+    if missing := left_out(given, every):
+        say(f"not in the twin: {missing}", err=True)
     say(out)
-    for line in table(trackers, Sequence.load(sequence), Sequence.load(out)) if suite else ():
+    for line in table(trackers, given, Sequence.load(out)) if suite else ():
         say(line)
 
 

@@ -14,11 +14,13 @@ from uavbench.scenes.spec import SequenceSpec
 FILE = Path(__file__).with_name("examples.toml")
 MANY = ("clutter", "effects", "sensors")
 """Keys of a sequence that hold a list of plug-ins."""
+OPTIONS = {"sites": ("environment", "site"), "conditions": ("environment",), "cameras": (), "annotations": ()}
+"""Tables of `examples.toml` that show parameters in place of plug-ins -> the table of a sequence that has them."""
 
 
 @dataclass(frozen=True)
 class Example:
-    """The sequence that shows a plug-in or a site; own: its parameters that differ from the defaults."""
+    """The sequence that shows a plug-in or parameters; own: its parameters that differ from the defaults."""
 
     spec: SequenceSpec
     own: Mapping[str, Any]
@@ -40,15 +42,23 @@ def example_of(key: str, kind: str, plugin: type) -> Example:
     return Example(_spec(kind, sequence), own, " ".join(about.split()))
 
 
-def sites() -> Mapping[str, Example]:
-    """Examples of the parameters of an environment's site, by name."""
+def options(key: str) -> Mapping[str, Example]:
+    """Examples of parameters by name: `sites`, `conditions`, `cameras`, `annotations`; see OPTIONS."""
     found = {}
-    for name in _tables()["sites"]:
+    for name in _tables()[key]:
         if name != "all":
-            sequence, own = _sequence("sites", name)
-            sequence["environment"] = {**sequence["environment"], "site": own}
-            found[name] = Example(_spec(name, sequence), own, sequence.pop("about"))
+            sequence, own = _sequence(key, name)
+            about = sequence.pop("about")
+            found[name] = Example(_spec(name, _within(sequence, OPTIONS[key], own)), own, about)
     return found
+
+
+def _within(sequence: Mapping[str, Any], path: tuple[str, ...], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of a sequence with more keys in the table that a path leads to."""
+    if not path:
+        return {**sequence, **own}
+    head, *rest = path
+    return {**sequence, head: _within(sequence.get(head, {}), tuple(rest), own)}
 
 
 def _sequence(key: str, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -62,7 +72,7 @@ def _sequence(key: str, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
 def _spec(name: str, sequence: Mapping[str, Any]) -> SequenceSpec:
     data = {
         "title": name,
-        "rates_hz": [15.0],
+        "rates_hz": [sequence.get("rate_hz", 15.0)],
         "seeds": [0],
         "sequences": {name: {key: value for key, value in sequence.items() if key != "about"}},
         "trackers": {"hold": {"kind": "hold"}},

@@ -1,4 +1,4 @@
-"""The page of the gallery: a section for each registry, a picture with a sentence for each plug-in."""
+"""The page of the gallery: a section for each registry, and for parameters; each picture with a sentence."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -8,7 +8,9 @@ from pathlib import Path
 from PIL import Image as Pillow
 
 from uavbench.bench.config.plugins import PLUGINS
-from uavbench.bench.gallery.examples import Example, example_of, sites
+from uavbench.bench.gallery.annotations import annotation_picture
+from uavbench.bench.gallery.cameras import cameras_picture
+from uavbench.bench.gallery.examples import Example, example_of, options
 from uavbench.bench.gallery.flights import path_picture, sensor_picture
 from uavbench.bench.gallery.scenes import (
     effect_picture,
@@ -68,12 +70,39 @@ SECTIONS: dict[object, Section] = {
     SensorSpec: Section("Sensors", "Measurements on board, over ten seconds.", "sensors", sensor_picture),
 }
 """Protocol -> its section."""
-SITES = Section(
-    "Sites",
-    "What the table [`site`](sites.md) adds to an environment: left without, right with it.",
-    "site",
-    site_picture,
-)
+OPTIONS: dict[str, tuple[Section, object, str]] = {
+    "conditions": (
+        Section("Light, weather and ground", "Parameters of an environment.", "condition", environment_picture),
+        EnvironmentSpec,
+        "reference/plugins.md",
+    ),
+    "sites": (
+        Section(
+            "Sites",
+            "What the table [`site`](sites.md) adds to an environment: left without, right with it.",
+            "site",
+            site_picture,
+        ),
+        EnvironmentSpec,
+        "sites.md",
+    ),
+    "cameras": (
+        Section("Cameras", "Lenses, and several cameras on one vehicle.", "cameras", cameras_picture),
+        MountSpec,
+        "datasets.md#several-cameras-and-their-clock",
+    ),
+    "annotations": (
+        Section(
+            "Ground truth of a frame",
+            "What `annotations` write beside an image, in colours; the files hold metres, pixels and unit vectors.",
+            "annotation",
+            annotation_picture,
+        ),
+        SensorSpec,
+        "datasets.md#annotations",
+    ),
+}
+"""Key of examples of parameters -> their section, the protocol after whose section it stands, and where they lead."""
 
 
 def write_gallery(folder: Path) -> None:
@@ -86,8 +115,9 @@ def write_gallery(folder: Path) -> None:
         for protocol, section in SECTIONS.items():
             of_kind = {k: example_of(section.key, k, plugin) for k, plugin in PLUGINS[protocol][0].items()}
             parts.append(_section(section, of_kind, "reference/plugins.md#{}", pictures))
-            if protocol is EnvironmentSpec:
-                parts.append(_section(SITES, sites(), "sites.md", pictures))
+            for key, (option, after, link) in OPTIONS.items():
+                if after is protocol:
+                    parts.append(_section(option, options(key), link, pictures))
     write_text(folder / "gallery.md", "\n".join(parts), kind=MARKER.kind)
 
 

@@ -26,6 +26,8 @@ AROUND = 1.8
 FRAMES = 6
 """Consecutive frames rendered with an effect: enough for dropped ones among them."""
 WHITE = (255, 255, 255)
+BARE = Site(wind_m_s=1.0)
+"""A site without details: wind moves clouds only. Its ground has the tones of all sites, a field's are others."""
 
 
 def structure_picture(spec: SequenceSpec) -> Image:
@@ -39,8 +41,8 @@ def environment_picture(spec: SequenceSpec) -> Image:
 
 
 def site_picture(spec: SequenceSpec) -> Image:
-    """Image (h, w, 3) BGR of the spec's scene: left half without, right half with the site of its environment."""
-    bare: Any = replace(cast(Any, spec.environment), site=Site())
+    """Image (h, w, 3) BGR of the spec's scene: left half on a site without, right half with details."""
+    bare: Any = replace(cast(Any, spec.environment), site=BARE)
     pictures = [environment_picture(replace(spec, environment=environment)) for environment in (bare, spec.environment)]
     return _halves(pictures[0], pictures[1], 0.5 * pictures[0].shape[1])
 

@@ -79,7 +79,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         if changed := disown_touched(jobs, planned, outcome.done):
             say(changed, err=True)
         count_failed_trackers(jobs, outcome)
-        tell(outcome, folder)
+        tell(outcome, folder, suite_name)
         if shard is None:
             with told_at_most(folder / SECONDS):
                 remember(outcome, folder)
@@ -148,8 +148,8 @@ def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[P
     return dask_pool(where.dask, where.workers, folder) if where.dask else local_pool(where.workers)
 
 
-def tell(outcome: Outcome, folder: Path) -> None:
-    """Report on standard error the jobs done, their time, and the failures with their reasons."""
+def tell(outcome: Outcome, folder: Path, suite: str) -> None:
+    """Report on standard error the jobs of a suite done, their time, and the failures with their reasons."""
     count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
     cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes"
     say(f"{count}; {cost}", err=True)
@@ -157,7 +157,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
         say(line, err=True)
     causes = {name: why for name, why in outcome.failed.items() if not why.startswith(NOT_DONE)}
     for name, why in causes.items():
-        say(f"FAILED {name}: {why}", err=True)
+        say(f"FAILED {name} of {suite}: {why}", err=True)
     if after := len(outcome.failed) - len(causes):
         say(f"not done: {after} job{'s that need' if after > 1 else ' that needs'} what failed", err=True)
     path = folder / "failures.txt"

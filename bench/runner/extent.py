@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.graph import Work
 from uavbench.bench.runner.tasks import Fly, Render, Video
 from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
@@ -13,23 +14,9 @@ from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.gimbal import Gimbal
-from uavbench.trajectories.sensors.lidar import Lidar2d
-from uavbench.trajectories.sensors.registry import FLIGHT_RATE_HZ
 from uavbench.trajectories.simulation.flight import path_name
 from uavbench.trajectories.simulation.summary import FlightSummary, planned_summary
 
-IMAGE_BYTES_PER_PX, NOISY_IMAGE_BYTES_PER_PX = 1.2, 1.6
-"""Bytes per pixel of a PNG of frames/, without and with sensor noise; measured at 640x480 on a box and a building,
-within 15 %.
-"""
-DEPTH_BYTES_PER_PX, MASK_BYTES_PER_PX, EDGES_BYTES = 0.5, 0.01, 1000.0
-"""Bytes of a frame's depth and mask (per pixel) and of its file of edges, measured on the box."""
-FLOW_BYTES_PER_PX, NORMALS_BYTES_PER_PX = 0.5, 0.03
-"""Bytes of a frame's flow with its occlusion, and of its normals, measured on the box."""
-RAY_BYTES = 16.0
-"""Bytes of a lidar ray, measured and true range; a step adds half as much, two stamps and the azimuth."""
-ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
-"""Bytes of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
 FLOWN_ROW_BYTES, FLOWN_RATE_HZ, FLOWN_FIXED_BYTES = 370.0, 50.0, 1e4
 """Bytes of a row of path.csv, its rate, and bytes of the records of a flight, measured on the box."""
 FLOWN_READING_BYTES = 130.0
@@ -40,7 +27,6 @@ FLOWN_FRAME_BYTES = 1100.0
 """Bytes of a frame in the tables of a flight, measured with `robust`; with `truth` it is a half."""
 VIDEO_FRAME_BYTES = 6e4
 """Bytes of a frame of a flight's video, 1280x480, measured on the box."""
-NOISY = {"Noise", "AnalogLink"}
 
 
 @dataclass(frozen=True)
@@ -126,7 +112,7 @@ def _extent(
         marker = FLIGHT_MARKER.name
     else:
         frames = _frames(plan.duration_s - max(spec.clock.shift_ns, 0) / 1e9, spec.rate_hz)
-        size, marker = _bytes(spec, frames, plan.duration_s), "sequence.json"
+        size, marker = sequence_bytes(spec, frames, plan.duration_s), "sequence.json"
     done = next((work.folder for work in alike if (work.folder / marker).is_file()), None)
     if done is None:
         return Extent(name, len(alike), frames, plan, size)
@@ -160,26 +146,3 @@ def _plan(spec: SequenceSpec) -> FlightSummary | str:
         return planned_summary(spec.flight, spec.mount.at_rest, obstacles_of(spec), spec.seed)
     except UserError as error:
         return f"path {path_name(spec.flight.path)}: {error}"
-
-
-def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
-    cameras = (spec.camera, *(other.camera for other in spec.cameras))
-    pixels = sum(camera.width * camera.height for camera in cameras)
-    noisy = any(type(effect).__name__ in NOISY for effect in spec.effects)
-    each = pixels * (NOISY_IMAGE_BYTES_PER_PX if noisy else IMAGE_BYTES_PER_PX)
-    each += pixels * (
-        DEPTH_BYTES_PER_PX * ("depth" in spec.annotations) + MASK_BYTES_PER_PX * ("mask" in spec.annotations)
-    )
-    each += pixels * (
-        FLOW_BYTES_PER_PX * ("flow" in spec.annotations) + NORMALS_BYTES_PER_PX * ("normals" in spec.annotations)
-    )
-    each += EDGES_BYTES * ("edges" in spec.annotations) * len(cameras)
-    readings = sum(_bytes_per_s(sensor) for sensor in spec.sensors) * duration_s
-    return FIXED_BYTES + frames * each + readings + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s
-
-
-def _bytes_per_s(sensor: object) -> float:
-    """Bytes per second of the readings of a body sensor."""
-    if isinstance(sensor, Lidar2d):
-        return RAY_BYTES * (sensor.rays_per_s + 1.5 * sensor.steps_per_s)
-    return ROW_BYTES * float(getattr(sensor, "rate_hz", 0.0))

@@ -87,7 +87,7 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
     ):
         remove_table(folder)
         outcome = run_graph(jobs, *pool)
-        tell(outcome, folder)
+        tell(outcome, folder, suite_name)
         refuse_touched(jobs, planned, outcome.done)
         done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}
         changes = [change(suite, variant, folder, done) for variant in variants]

@@ -43,8 +43,10 @@ from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.simulation.flight import Flight, fly
 
 MARKER = Marker("manifest.json", "twin of a sequence")
-OF_A_FRAME = {"depth": "png", "mask": "png"}
-"""Folders with a file per frame that does not depend on the renderer, and its suffix."""
+OF_A_FRAME = ("depth", "mask", "normals")
+"""Folders with an image per frame that does not depend on the renderer."""
+TO_THE_NEXT = ("flow", "occlusion")
+"""The same for all frames but the last, of the motion up to the next frame of the sequence."""
 MADE_ANEW = {
     MARKER.name, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv",
 }  # fmt: skip
@@ -98,6 +100,20 @@ def make_twin(
         now = lambda: {"twin": content_hash(_provenance(sequence, spec, tracing, blender))}  # noqa: E731
         if (touched := touched_since({"twin": content_hash(provenance)}, now, ["twin"])).jobs:
             raise UserError(f"changed while it was in use: {touched}; {NOT_WRITTEN}")
+
+
+def left_out(sequence: Sequence, every: int) -> str:
+    """What of a sequence its twin of every n-th frame does not have, and why; "" for nothing."""
+    missing = []
+    if every > 1 and any((sequence.folder / kind).is_dir() for kind in TO_THE_NEXT):
+        missing.append(
+            "flow and occlusion (to the next frame of the sequence, which the twin has with --every 1 alone)"
+        )
+    if (sequence.folder / "crlb.csv").is_file():
+        missing.append("crlb.csv (bounds of the images of uavbench's renderer)")
+    if sequence.cameras:
+        missing.append(f"cameras {', '.join(sequence.cameras)} (a twin is of the main camera)")
+    return "; ".join(missing)
 
 
 def spec_of(sequence: Sequence) -> SequenceSpec:
@@ -183,11 +199,14 @@ def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
     for path in sorted(folder.iterdir()):
         if not path.is_dir() and path.name not in MADE_ANEW:
             _copy(folder, path.name, new / path.name)
-    for kind, suffix in OF_A_FRAME.items():
+    frames = dict.fromkeys(OF_A_FRAME, len(sequence))
+    if every == 1:
+        frames |= dict.fromkeys(TO_THE_NEXT, len(sequence) - 1)
+    for kind, count in frames.items():
         if (folder / kind).is_dir():
             (new / kind).mkdir()
-            for frame, of in enumerate(range(0, len(sequence), every)):
-                _copy(folder, f"{kind}/{of:06d}.{suffix}", new / kind / f"{frame:06d}.{suffix}")
+            for frame, of in enumerate(range(0, count, every)):
+                _copy(folder, f"{kind}/{of:06d}.png", new / kind / f"{frame:06d}.png")
     head, *rows = read_text(folder / "groundtruth.csv", TABLE, inside=folder).splitlines()
     write_text(new / "groundtruth.csv", "\n".join([head, *_numbered(rows[::every])]) + "\n")
     if os.path.lexists(folder / "row_poses.npy"):

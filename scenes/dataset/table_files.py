@@ -17,13 +17,15 @@ from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE
 from uavbench.trajectories.pose import Array
 
-FORMAT = 5
+FORMAT = 6
 """Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
 
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
 3: shadows outdoors reach ground that lies deeper, seen from the sun, than all that casts them.
 4: edges by the outlines of triangles, before by four samples per pixel.
 5: what lies 2 mm before a surface is before it at all distances; with distortion, depth and masks at pixel centres.
+6: the files of depth, flow and normals are compressed further; with distortion, depth and masks at edges are those of
+the nearest facet; hills, ground and plants of a site.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

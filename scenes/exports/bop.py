@@ -72,7 +72,8 @@ FILES = {
     "test/000001/mask_visib": "visible part of the structure, 255",
     "test/000001/scene_camera.json": "intrinsics and camera from world, millimetres, by image",
     "test/000001/scene_gt.json": "camera from model, millimetres, by image; model and world are the same frame",
-    "test/000001/scene_gt_info.json": f"boxes and counts of pixels; silhouettes on a canvas {CANVAS} times the image",
+    "test/000001/scene_gt_info.json": "boxes (from the centre of the first to that of the last pixel) and counts of "
+    f"pixels; silhouettes on a canvas {CANVAS} times the image",
     "camera.json": "the camera without distortion, px",
     "test_targets_bop19.json": f"images in which {100 * LEAST_TARGET_SHARE:g} % of the silhouette is seen",
 }
@@ -165,8 +166,8 @@ def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
 
 
 def _box(mask: np.ndarray) -> list[int]:
-    """Bounding box x, y, width, height of a mask; -1s when it is empty."""
+    """Bounding box x, y, width, height of a mask, from centre to centre as in bop_toolkit; -1s when it is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return [-1, -1, -1, -1]
-    return [int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)]
+    return [int(columns[0]), int(rows[0]), int(columns[-1] - columns[0]), int(rows[-1] - rows[0])]

@@ -7,7 +7,7 @@ from typing import Any
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.exports.euroc import COEFFICIENTS, NOISE, body_from_imu, imus_of, yaml_number
 from uavbench.scenes.exports.notes import Held
-from uavbench.scenes.exports.ros.bag_messages import ros_name
+from uavbench.scenes.exports.ros.bag_messages import image_topic, ros_name
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
@@ -53,7 +53,7 @@ def camera_chain(shown: Shown, body_from_imu: Pose | None) -> str:
         cam_from_body = each.sequence.cam_from_body
         lines += [f"cam{own}:", *_lens(each.camera)]
         overlaps = ", ".join(str(k) for k in range(len(cameras)) if k != own)
-        lines += [f"  cam_overlaps: [{overlaps}]", f"  rostopic: /{name}/image_raw"]
+        lines += [f"  cam_overlaps: [{overlaps}]", f"  rostopic: {image_topic(name, each)}"]
         if before is not None:
             lines += _matrix("T_cn_cnm1", cam_from_body @ before.inverse())
         if body_from_imu is not None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.renderables import Texture
+from uavbench.trajectories.pose import Array
 
 Color = tuple[float, float, float]
 
@@ -130,6 +131,46 @@ def grass(rng: np.random.Generator) -> Material:
     return Material(noise.finish(noise.blend(image, (226, 220, 170), flowers)), (8.0, 8.0), 1.0, soaks=True)
 
 
+BLADES_PER_M2, BLADE_M, BLADE_PX = 5400, (0.03, 0.10), (3, 2, 2)
+"""Blades that a meadow shows from above, drawn until they cover it; their lengths, m, and widths, px, of 2 mm: ryegrass
+has blades 2 to 6 mm wide and 30 to 200 mm long (Hubbard 1984, Grasses)."""
+BLADE_TONES, BLADE_BEND_RAD = 24, 0.5
+"""Layers of blades, each brighter than the one below; standard deviation of the bend in the middle of a blade."""
+
+
+def meadow(rng: np.random.Generator) -> Material:
+    """Meadow drawn blade by blade, 4 m square, sharp from a metre away; dry and bare patches."""
+    n, tile_m = 2048, 4.0
+    per_m, count = n / tile_m, round(BLADES_PER_M2 * tile_m**2 / BLADE_TONES)
+    margin = 8  # OpenCV does not smooth lines at an image's border
+    drawn = np.full((n + 2 * margin, n + 2 * margin), 50, dtype=np.uint8)
+    for layer in range(BLADE_TONES):
+        foot, way, bend = rng.uniform(0, n, (count, 2)), rng.uniform(0, 2 * np.pi, count), rng.normal(0, 1, count)
+        half = 0.5 * per_m * rng.uniform(*BLADE_M, count)[:, None]
+        middle = foot + half * np.column_stack([np.cos(way), np.sin(way)])
+        turned = way + BLADE_BEND_RAD * bend
+        tip = middle + half * np.column_stack([np.cos(turned), np.sin(turned)])
+        lines = _repeated(np.stack([foot, middle, tip], axis=1), n, margin) + margin
+        tone, wide = 50 + 180 * (layer + 1) // BLADE_TONES, BLADE_PX[layer % len(BLADE_PX)]
+        cv2.polylines(drawn, list(np.rint(16 * lines).astype(np.int32)), False, tone, wide, cv2.LINE_AA, 4)
+    drawn = drawn[margin:-margin, margin:-margin]
+    shade = drawn.astype(np.float32) / np.float32(drawn.mean())
+    tufts = noise.fractal((n, n), 180, rng, octaves=4, gain=0.7)
+    image = noise.paint((92, 108, 55), shade * (1 + 0.12 * tufts))
+    dry = np.clip(noise.fractal((n, n), 700, rng, octaves=6, gain=0.65) - 0.1, 0, 1.4) / 1.4
+    image = noise.blend(image, noise.paint((150, 140, 88), shade), 0.7 * dry)
+    bare = np.clip((noise.fractal((n, n), 500, rng, octaves=7, gain=0.7) - 1.9) * 1.5, 0, 1)
+    image = noise.blend(image, noise.paint((132, 110, 84), 1 + 0.12 * tufts), bare)
+    return Material(noise.finish(image), (tile_m, tile_m), 1.0, soaks=True)
+
+
+def _repeated(lines: Array, n: int, margin: int) -> Array:
+    """Lines (k, points, 2) in a tile of n px, and their copies in neighbouring tiles, as far as margin px about it."""
+    low, high = lines.min(axis=1) - margin, lines.max(axis=1) + margin
+    shifts = [np.array([x, y]) for x in (-n, 0, n) for y in (-n, 0, n)]
+    return np.concatenate([lines[((high + s > 0) & (low + s < n)).all(axis=1)] + s for s in shifts])
+
+
 def gravel(rng: np.random.Generator) -> Material:
     """Crushed stone, 4 m square."""
     n = 1024
@@ -227,6 +268,7 @@ PAINTS: dict[str, Callable[[np.random.Generator], Material]] = {
     "painted-steel": painted_steel,
     "asphalt": asphalt,
     "grass": grass,
+    "meadow": meadow,
     "gravel": gravel,
     "panels": panels,
     "plaster": plaster,

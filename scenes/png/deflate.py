@@ -1,10 +1,11 @@
-"""Compiled deflate (RFC 1951): literals and run-length matches at distance 1, dynamic Huffman codes per block."""
+"""Compiled deflate (RFC 1951): literals and matches at one distance, dynamic Huffman codes per block."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uavbench.scenes.png.huffman import code_lengths, codes
+from uavbench.scenes.png.matches import BITS, find_matches
 from uavbench.trajectories.kernels.compiled import compiled
 
 BLOCK = 1 << 17
@@ -14,10 +15,12 @@ END = 256
 SYMBOLS = 286
 SHORTEST, LONGEST = 3, 258
 """Shortest and longest match of deflate (section 3.2.5)."""
-STRETCH = 32
-"""Bytes that are looked through at once for runs: a vector of most processors."""
+MOST_DISTANT = 8
+"""Greatest distance of matches here: one extra bit is enough (section 3.2.5)."""
+AT_ONCE = 8
+"""Literals that are copied at once, a vector: more than there are between most matches."""
 TOKENS = END + LONGEST + 1
-"""Tokens: literals, the end of a block, and END + n for a run of n bytes."""
+"""Tokens: literals, the end of a block, and END + n for a match of n bytes."""
 CODE_BITS, META_BITS = 15, 7
 """Greatest lengths, in bits, of codes of symbols and of codes of code lengths (section 3.2.7)."""
 META_ORDER = np.array([16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15], dtype=np.int64)
@@ -30,78 +33,80 @@ def room_words(size: int) -> int:
     return size * (CODE_BITS + 1) // 64 + blocks * (SYMBOLS * META_BITS // 64 + 4) + 2
 
 
-@compiled("u1 w1!")
-def deflate(data: Any, out: Any) -> int:
-    """Compress data (n,) of bytes into out (room_words,), least significant bit first; returns the number of bits."""
-    tokens, tallies = np.empty(BLOCK, dtype=np.uint16), np.empty((4, TOKENS), dtype=np.int64)
+@compiled("u1 i0 w1!")
+def deflate(data: Any, distance: int, out: Any) -> int:
+    """Compress data (n,) of bytes into out (room_words,), least significant bit first; returns the number of bits.
+
+    Bytes that are like those a distance before, 1 to MOST_DISTANT, are replaced by their number.
+    """
+    tokens, tallies = np.empty(BLOCK + AT_ONCE, dtype=np.uint16), np.empty((4, TOKENS), dtype=np.int64)
+    same = np.empty(BLOCK + BITS, dtype=np.uint8)
+    masks, places = np.empty(BLOCK // BITS + 1, dtype=np.uint64), np.empty(BLOCK, dtype=np.int64)
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
     words, bits = np.zeros(TOKENS, dtype=np.uint64), np.zeros(TOKENS, dtype=np.int64)
     at = 0
     for start in range(0, data.size, BLOCK):
         stop = min(start + BLOCK, data.size)
-        number = _tokens(data, start, stop, tokens)
+        found = find_matches(data, (start, stop), distance, same, same.view(np.uint64), masks, places)
+        number = _tokens(data, start, stop, places[:found], tokens)
         _count(tokens[:number], tallies, counts)
         code_lengths(counts, CODE_BITS, lengths)
         codes(lengths, symbol_codes)
         at = _put(out, at, (2 << 1) | int(stop == data.size), 3)
-        at = _put_lengths(out, at, lengths)
-        _stream_words(lengths, symbol_codes, words, bits)
+        at = _put_lengths(out, at, lengths, _distance(distance).code)
+        _stream_words(lengths, symbol_codes, _distance(distance), words, bits)
         at = _put_tokens(out, at, tokens[:number], words, bits)
         at = _put(out, at, words[END], bits[END])
     return at
 
 
-@compiled("u1 i0 i0 h1!", inner=True, allocates=False)
-def _tokens(data: Any, start: int, stop: int, tokens: Any) -> int:
-    """Tokenize data[start:stop]; returns the number of tokens."""
-    number, i = 0, start
-    while i < stop:
-        if 0 < i < stop - STRETCH - 2 and not _has_run(data, i):
-            _copy(data, i, tokens, number)
-            i += STRETCH
-            number += STRETCH
-            continue
-        end = min(i + STRETCH, stop)
-        while i < end:
-            value = data[i]
-            run = _run(data, i, stop)
-            tokens[number] = END + run if run else value
-            i += max(run, 1)
+@compiled("u1 i0 i0 i1 h1!", inner=True, allocates=False)
+def _tokens(data: Any, start: int, stop: int, places: Any, tokens: Any) -> int:
+    """Tokenize data[start:stop] with the places of its matches, as of `find_matches`; returns the number of tokens."""
+    number, i, matches = 0, start, places.size // 2
+    apart = matches
+    while apart > 0 and start + places[2 * apart - 2] + AT_ONCE > data.size:
+        apart -= 1
+    for k in range(matches):
+        begin, end = start + places[2 * k], start + places[2 * k + 1]
+        if k < apart:
+            done = 0
+            while done < begin - i:  # most often once, and then without a branch that depends on how many there are
+                _copy_some(data, np.uint64(i + done), tokens, np.uint64(number + done))
+                done += AT_ONCE
+        else:
+            _copy(data, i, begin, tokens, number)
+        number += begin - i
+        i = begin
+        while end - i > LONGEST:
+            tokens[number] = END + LONGEST
             number += 1
-    return number
+            i += LONGEST
+        if end - i >= SHORTEST:
+            tokens[number] = END + end - i
+            number += 1
+            i = end
+    _copy(data, i, stop, tokens, number)
+    return number + stop - i
 
 
 @compiled
-def _has_run(data: Any, start: int) -> bool:
-    """Whether a run begins in a stretch, of which one byte before and two after are there; without branches."""
-    found, at, one, two = np.uint8(0), np.uint64(start), np.uint64(1), np.uint64(2)
-    for k in range(np.uint64(STRETCH)):  # places without a sign, which need no check for one below 0
-        here = data[at + k]
-        unlike = (here ^ data[at + k - one]) | (here ^ data[at + k + one]) | (here ^ data[at + k + two])
-        found |= np.uint8(unlike == 0)
-    return bool(found != 0)
-
-
-@compiled
-def _copy(data: Any, start: int, tokens: Any, number: int) -> None:
-    """A stretch of literals as tokens."""
+def _copy(data: Any, start: int, stop: int, tokens: Any, number: int) -> None:
+    """Literals as tokens."""
     at, into = np.uint64(start), np.uint64(number)
-    for k in range(np.uint64(STRETCH)):
+    for k in range(np.uint64(max(stop - start, 0))):
         tokens[into + k] = data[at + k]
 
 
 @compiled
-def _run(data: Any, i: int, stop: int) -> int:
-    """Length of the run that begins at a place: bytes like the one before; 0 for less than the shortest match."""
-    value = data[i]
-    # one branch instead of three, each of which would often be mispredicted for noisy images
-    if not (0 < i < stop - 2 and (value ^ data[i - 1]) | (value ^ data[i + 1]) | (value ^ data[i + 2]) == 0):
-        return 0
-    end, furthest = i + SHORTEST, min(stop, i + LONGEST)
-    while end < furthest and data[end] == value:
-        end += 1
-    return end - i
+def _copy_some(data: Any, i: Any, tokens: Any, at: Any) -> None:
+    """AT_ONCE literals as tokens: all are read before any is written, which becomes one vector."""
+    a, b, c, d = data[i], data[i + np.uint64(1)], data[i + np.uint64(2)], data[i + np.uint64(3)]
+    e, f, g, h = data[i + np.uint64(4)], data[i + np.uint64(5)], data[i + np.uint64(6)], data[i + np.uint64(7)]
+    tokens[at], tokens[at + np.uint64(1)], tokens[at + np.uint64(2)], tokens[at + np.uint64(3)] = a, b, c, d
+    at += np.uint64(4)
+    tokens[at], tokens[at + np.uint64(1)], tokens[at + np.uint64(2)], tokens[at + np.uint64(3)] = e, f, g, h
 
 
 @compiled("h1 i2! i1!", inner=True, allocates=False)
@@ -118,47 +123,63 @@ def _count(tokens: Any, tallies: Any, counts: Any) -> None:
         tallies[0, tokens[i]] += 1
     counts[:] = 0
     for token in range(TOKENS):
-        symbol = token if token < END + SHORTEST else _run_symbol(token - END)
+        symbol = token if token < END + SHORTEST else _symbol(token - END)
         for k in range(4):
             counts[symbol] += tallies[k, token]
     counts[END] = 1
 
 
+class Distance(NamedTuple):
+    """Code of a distance, and its extra bits (section 3.2.5)."""
+
+    code: int
+    extra: int
+    rest: int
+
+
 @compiled
-def _run_extra(run: int) -> int:
-    """Number of extra bits of a run length (section 3.2.5)."""
+def _distance(distance: int) -> Distance:
+    """How a distance up to MOST_DISTANT is written."""
+    if distance <= 4:
+        return Distance(distance - 1, 0, 0)
+    return Distance(4 + (distance - 5) // 2, 1, (distance - 5) % 2)
+
+
+@compiled
+def _extra(length: int) -> int:
+    """Number of extra bits of the length of a match (section 3.2.5)."""
     extra = 0
-    while run < LONGEST and (run - SHORTEST) >> (extra + 3):
+    while length < LONGEST and (length - SHORTEST) >> (extra + 3):
         extra += 1
     return extra
 
 
 @compiled
-def _run_symbol(run: int) -> int:
-    """Symbol of a run length (section 3.2.5)."""
-    extra = _run_extra(run)
-    return END + 1 + (28 if run == LONGEST else 4 * extra + ((run - SHORTEST) >> extra))
+def _symbol(length: int) -> int:
+    """Symbol of the length of a match (section 3.2.5)."""
+    extra = _extra(length)
+    return END + 1 + (28 if length == LONGEST else 4 * extra + ((length - SHORTEST) >> extra))
 
 
 @compiled
-def _stream_words(lengths: Any, symbol_codes: Any, words: Any, bits: Any) -> None:
-    """Bit pattern and length of each token: for a run its code, its extra bits, and a 0 for distance 1."""
+def _stream_words(lengths: Any, symbol_codes: Any, distance: Any, words: Any, bits: Any) -> None:
+    """Bit pattern and length of each token: for a match its code, its extra bits, and a 0 and those of the distance."""
     words[: END + 1], bits[: END + 1] = symbol_codes[: END + 1], lengths[: END + 1]
-    for run in range(SHORTEST, LONGEST + 1):
-        symbol, extra = _run_symbol(run), _run_extra(run)
-        rest = (run - SHORTEST) & ((1 << extra) - 1)
-        words[END + run] = symbol_codes[symbol] | (np.uint64(rest) << np.uint64(lengths[symbol]))
-        bits[END + run] = lengths[symbol] + extra + 1
+    for length in range(SHORTEST, LONGEST + 1):
+        symbol, extra = _symbol(length), _extra(length)
+        rest = ((length - SHORTEST) & ((1 << extra) - 1)) | (distance.rest << (extra + 1))
+        words[END + length] = symbol_codes[symbol] | (np.uint64(rest) << np.uint64(lengths[symbol]))
+        bits[END + length] = lengths[symbol] + extra + 1 + distance.extra
 
 
 @compiled
-def _put_lengths(out: Any, at: int, lengths: Any) -> int:
+def _put_lengths(out: Any, at: int, lengths: Any, distance_code: int) -> int:
     """Write the lengths of all codes, with one distance code of one bit (section 3.2.7); returns the next bit."""
     at = _put(out, at, SYMBOLS - 257, 5)
-    at = _put(out, at, 0, 5)
+    at = _put(out, at, distance_code, 5)
     at = _put(out, at, META_ORDER.size - 4, 4)
     counts, meta = np.zeros(META_ORDER.size, dtype=np.int64), np.zeros(META_ORDER.size, dtype=np.int64)
-    counts[1] = 1
+    counts[0], counts[1] = distance_code, 1
     for length in lengths:
         counts[length] += 1
     code_lengths(counts, META_BITS, meta)
@@ -168,6 +189,8 @@ def _put_lengths(out: Any, at: int, lengths: Any) -> int:
         at = _put(out, at, meta[symbol], 3)
     for length in lengths:
         at = _put(out, at, meta_codes[length], meta[length])
+    for _ in range(distance_code):
+        at = _put(out, at, meta_codes[0], meta[0])
     return _put(out, at, meta_codes[1], meta[1])
 
 

@@ -14,7 +14,7 @@ from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.filters import AVERAGE, UP, filter_rows
 
-ENCODING = "uavbench 1"
+ENCODING = "uavbench 2"
 """Version of the encoding; increment it with every change that alters the bytes for the same pixels."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 ZLIB_HEADER = b"\x78\x01"
@@ -26,18 +26,24 @@ GREY, RGB = 0, 2
 def png(image: NDArray[Any], *, smooth: bool = False) -> bytes:
     """PNG file of an image (h, w) or (h, w, 3) BGR of 8 or 16 bits, the same bytes for the same pixels everywhere.
 
-    Rows are filtered by AVERAGE, which suits noisy images, or by UP for smooth ones.
+    Rows are filtered by AVERAGE, which suits noisy images, or by UP for smooth ones, whose residuals often repeat those
+    of the pixel before.
     """
-    h, w = image.shape[:2]
-    color = image.ndim == 3
-    samples = cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if color else image
-    wide = samples.dtype.itemsize
-    rows = np.ascontiguousarray(samples, dtype=f">u{wide}").view(np.uint8).reshape(h, -1)
-    filtered, stream = _room(h, rows.shape[1] + 1)
-    filter_rows(rows, wide * (3 if color else 1), UP if smooth else AVERAGE, filtered)
-    size = -(-deflate(filtered.reshape(-1), stream) // 8)
+    samples = cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
+    rows = np.ascontiguousarray(samples, dtype=f">u{samples.dtype.itemsize}").view(np.uint8)
+    return png_of_rows(rows.reshape(len(image), -1), image.shape[1], smooth=smooth)
+
+
+def png_of_rows(rows: NDArray[np.uint8], width: int, *, smooth: bool = False) -> bytes:
+    """PNG file of rows (h, n) of 1, 2, 3 or 6 bytes a pixel: grey or RGB of 8 or 16 bits, the higher byte first."""
+    h, n = rows.shape
+    pixel = n // width
+    wide, color = (pixel // 3, RGB) if pixel % 3 == 0 else (pixel, GREY)
+    filtered, stream = _room(h, n + 1)
+    filter_rows(rows, pixel, UP if smooth else AVERAGE, filtered)
+    size = -(-deflate(filtered.reshape(-1), pixel if smooth else 1, stream) // 8)
     packed = stream.astype("<u8", copy=False).view(np.uint8)[:size]
-    head = struct.pack(">IIBBBBB", w, h, 8 * wide, RGB if color else GREY, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, h, 8 * wide, color, 0, 0, 0)
     checksum = struct.pack(">I", adler32(filtered.reshape(-1)))
     chunks = (_chunk(b"IHDR", head), _chunk(b"IDAT", ZLIB_HEADER, packed, checksum), _chunk(b"IEND"))
     return b"".join([SIGNATURE, *chain.from_iterable(chunks)])

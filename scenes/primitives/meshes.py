@@ -80,7 +80,7 @@ def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
     alike: dict[tuple[object, ...], list[Part]] = {}
     for part in parts:
         key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance, id(part.ripples))
-        further = (part.distant, id(part.film), id(part.soil))
+        further = (part.distant, id(part.film), id(part.soil), part.keeps_cover)
         given = (part.uv is None, part.normals is None, part.tint is None)
         alike.setdefault((*key, *further, *given, id(part) if part.lightmap else 0), []).append(part)
     return tuple(merge(group) for group in alike.values())

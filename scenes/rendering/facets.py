@@ -1,4 +1,4 @@
-"""Planes of all rendered triangles in float64, for the surface point of a pixel and its motion."""
+"""All rendered triangles in float64, and their motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,18 +13,6 @@ from uavbench.trajectories.pose import Array, Pose
 NONE = -1
 """Row of no facet: background or sky."""
 Rows = NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Planes:
-    """Planes `normal . x = offset` of facets in the world frame at one time.
-
-    normals (n, 3) are unit vectors; offsets_m (n,); corners_m (n, 3, 3) are the vertices of the facets.
-    """
-
-    normals: Array
-    offsets_m: Array
-    corners_m: Array
 
 
 class DrawnPart(NamedTuple):
@@ -66,19 +54,6 @@ class Facets:
         for number, (rows, _) in enumerate(movers, 1):
             mover_of[rows] = number
         return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), instances, movers, mover_of, has_sky)
-
-    def planes(self, time_s: float) -> Planes:
-        """Planes of all facets at a time in seconds, world frame."""
-        corners = self.corners_m
-        if self.movers:
-            corners = corners.copy()
-            for rows, mover in self.movers:
-                pose = mover.world_from_part(time_s)
-                corners[rows] = pose.transform(corners[rows].reshape(-1, 3)).reshape(-1, 3, 3)
-        a, b, c = (corners[:, k] for k in range(3))
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        return Planes(normals, np.einsum("ij,ij->i", normals, a), corners)
 
     def steps(self, from_s: float, to_s: float) -> list[Pose]:
         """Motion in the world from one time to another, in seconds, of what rests and of each mover: see `mover_of`."""

@@ -2,11 +2,15 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.renderables import Part, Texture
 from uavbench.trajectories.pose import Array
+
+SMALLEST_PX = 8
+"""Least side of a mipmap of an alpha mask that keeps its cover: of fewer pixels all would be opaque, or none."""
 
 
 class Program:
@@ -144,8 +148,11 @@ class Target:
         self._gl.glDeleteRenderbuffers(1, [self._depth])
 
 
-def upload(GL: Any, image: Texture, mipmap: bool) -> int:
-    """Upload an image (h, w, 3 or 4) as a texture that repeats outside 0..1; returns its GL name."""
+def upload(GL: Any, image: Texture, mipmap: bool, keeps_cover: bool = False) -> int:
+    """Upload an image (h, w, 3 or 4) as a texture that repeats outside 0..1; returns its GL name.
+
+    keeps_cover: whether its alpha mask covers the same share at every size, see `covering_levels`.
+    """
     texture = int(GL.glGenTextures(1))
     data = np.ascontiguousarray(image[::-1])
     h, w, channels = data.shape
@@ -155,10 +162,32 @@ def upload(GL: Any, image: Texture, mipmap: bool) -> int:
     GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, w, h, 0, layout, GL.GL_UNSIGNED_BYTE, data)
     if mipmap:
         GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
+    if mipmap and keeps_cover:
+        levels = covering_levels(data)
+        for level, smaller in enumerate(levels, 1):
+            size = smaller.shape[1], smaller.shape[0]
+            GL.glTexImage2D(GL.GL_TEXTURE_2D, level, GL.GL_RGBA8, *size, 0, layout, GL.GL_UNSIGNED_BYTE, smaller)
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAX_LEVEL, len(levels))
     smallest = GL.GL_LINEAR_MIPMAP_LINEAR if mipmap else GL.GL_LINEAR
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, smallest)
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR)
     return texture
+
+
+def covering_levels(image: Texture) -> list[Texture]:
+    """The image (h, w, 4) at a half, a quarter ... of its size, down to SMALLEST_PX, each with the same share opaque.
+
+    Alpha is scaled so that as many pixels as before reach a half (Castano 2010, Computing alpha mipmaps).
+    """
+    share, levels = float((image[..., 3] > 127).mean()), []
+    half = image.astype(np.float32)
+    while min(half.shape[:2]) > SMALLEST_PX and share > 0:
+        half = np.asarray(cv2.resize(half, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        least = float(np.quantile(half[..., 3], 1 - share, method="higher"))
+        scaled = half.copy()
+        scaled[..., 3] *= 128 / max(least, 1.0)
+        levels.append(np.ascontiguousarray(np.rint(scaled.clip(0, 255)).astype(np.uint8)))
+    return levels
 
 
 def _corners(part: Part) -> tuple[Array, Array, Array, Array, Any]:

@@ -18,6 +18,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import Light, Mover, Part, Texture
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
+from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.antialiasing.outlines import Moment, Outlines
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import DrawnPart, Facets
@@ -155,10 +156,14 @@ class Renderer:
         self._look_at(cam_from_world, camera, time_s)
         return self._outlines.geometry(self._numbers)
 
-    def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int64]:
+    def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int32]:
         """Rows (h, w) of `facets` visible at the pixel centres; NONE for background or sky."""
         self._look_at(cam_from_world, camera, time_s)
-        return self._numbers[::-1, :, 1].astype(np.int64) - 1
+        return self._outlines.rows(self._numbers)
+
+    def facet_table(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> FacetTable:
+        """The `facets` as they are in view; valid until the next image or table of another view."""
+        return self._outlines.table(Moment(cam_from_world, camera, time_s))
 
     def _look_at(self, cam_from_world: Pose, camera: Camera, time_s: float) -> None:
         """Render depths and facets, unless those of this view are there."""
@@ -266,13 +271,14 @@ class Renderer:
         for image in (part.film.texture if part.film is not None else None, part.soil):
             if image is not None:
                 self._texture(image)  # uploads it
-        return Mesh(self._gl, part, self._texture(part.texture if part.ripples is None else part.ripples), lit)
+        surface = part.texture if part.ripples is None else part.ripples
+        return Mesh(self._gl, part, self._texture(surface, keeps_cover=part.keeps_cover), lit)
 
-    def _texture(self, source: Texture | None, mipmap: bool = True) -> int:
+    def _texture(self, source: Texture | None, mipmap: bool = True, keeps_cover: bool = False) -> int:
         image = WHITE if source is None else source
         if id(image) not in self._textures:
             self._kept.append(image)
-            self._textures[id(image)] = upload(self._gl, image, mipmap)
+            self._textures[id(image)] = upload(self._gl, image, mipmap, keeps_cover)
         return self._textures[id(image)]
 
 

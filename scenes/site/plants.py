@@ -113,6 +113,7 @@ def cards(stand: Stand, terrain: Terrain, texture: Texture, wide: float, rng: np
         roughness=1.0,
         casts_shadow=False,
         instance=INSTANCE,
+        keeps_cover=True,
     )
 
 

@@ -220,7 +220,7 @@ def _ground_parts(terrain: Terrain, shared: _Shared, rng: np.random.Generator) -
         stony |= course.across(middle) < reach
     if (bank := terrain.embankment) is not None:
         stony |= (np.abs(middle[:, 0]) > bank.start_m) & (np.abs(middle[:, 1]) < bank.half_m)
-    tone = 1 + TONE * np.clip(rng.standard_normal((len(vertices), 1)), -2, 2) * [1.0, 1.0, 1.0, 0.0]
+    tone = 1 + TONE * terrain.tones(rng)[:, None] * [1.0, 1.0, 1.0, 0.0]
     out = []
     for look, chosen in ((shared.ground, ~stony), (shared.gravel, stony)):
         if chosen.any():

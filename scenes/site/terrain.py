@@ -1,7 +1,7 @@
 """Terrain of a site: a river channel or road bed along y, embankments along x, and the ground mesh."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,19 @@ class Terrain:
             vertices[:, 0] += fade * self.course.aside(vertices[:, 1])
         vertices[:, 2] = self.height(vertices[:, :2])
         return TriangleMesh(vertices, triangles)
+
+    def tones(self, rng: np.random.Generator) -> Array:
+        """Random values (n,) at the vertices of the mesh, normal and at most 2 in size.
+
+        Drawn on the mesh without lines around footprints, between which they are interpolated: the lines leave the
+        ground and all that is drawn after it as they are.
+        """
+        plain = replace(self, contact_m=())
+        xs, ys = plain._lines(0, plain._breaks_x()), plain._lines(1, plain._breaks_y())
+        drawn = np.clip(rng.standard_normal((len(ys), len(xs))), -2, 2)
+        along_x = np.array([np.interp(self._lines(0, self._breaks_x()), xs, row) for row in drawn])
+        both = np.array([np.interp(self._lines(1, self._breaks_y()), ys, column) for column in along_x.T])
+        return np.asarray(both.T.ravel())
 
     def _breaks_x(self) -> list[float]:
         out: list[float] = []

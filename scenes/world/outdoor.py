@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
+from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.renderables import BuiltEnvironment, Light, Part, Texture
 from uavbench.scenes.site.site import Site
@@ -32,7 +33,7 @@ class Outdoor:
     is the extinction coefficient. site shapes the ground to the structure; by default it is level and empty.
     """
 
-    ground: Literal["grass", "gravel", "asphalt", "concrete"] = "grass"
+    ground: Literal["grass", "meadow", "gravel", "asphalt", "concrete"] = "grass"
     sun_elevation_deg: Annotated[float, Interval(gt=3, le=90)] = 42.0
     sun_azimuth_deg: float | None = None
     cloudiness: Annotated[float, Interval(ge=0, le=1)] = 0.35
@@ -59,40 +60,41 @@ class Outdoor:
             haze_color=_triple(b * np.array([0.62, 0.70, 0.80])),
         )
         sky = noise.finish(_sky(to_sun, self.cloudiness, rng) * np.sqrt(b))
+        look = materials.PAINTS[self.ground](rng)
+        level = _level_ground(look, bounds, rng)  # drawn with a site, too: the hills are those of the field without it
+        rim = _rim(bounds, rng)
         if self.site == Site():
-            return BuiltEnvironment((*self._ground(bounds, rng), *_rim(bounds, rng)), light, sky)
-        look = materials.PAINTS[self.ground](rng)
-        return BuiltEnvironment(tuple(_rim(bounds, rng)), light, sky, site=partial(self.site.build, look))
+            return BuiltEnvironment((level, *rim), light, sky)
+        return BuiltEnvironment(rim, light, sky, site=partial(self.site.build, look))
 
-    def _ground(self, bounds: Array, rng: np.random.Generator) -> list[Part]:
-        look = materials.PAINTS[self.ground](rng)
-        centre = bounds.mean(axis=0)[:2]
-        extent = float(np.linalg.norm((bounds[1] - bounds[0])[:2]))
-        rings = np.concatenate([np.linspace(0, 1.2 * extent, 10), np.geomspace(1.6 * extent, 6 * RIM_M, 9)])
-        spokes = 28
-        angle = np.arange(spokes) * 2 * np.pi / spokes
-        around = np.column_stack([np.cos(angle), np.sin(angle)])
-        flat = np.concatenate([[centre], *(centre + r * around for r in rings[1:])])
-        i = np.arange(spokes)
-        j = (i + 1) % spokes
-        triangles = [np.column_stack([np.zeros(spokes, dtype=np.int64), 1 + i, 1 + j])]
-        for k in range(len(rings) - 2):
-            a, b = 1 + k * spokes, 1 + (k + 1) * spokes
-            triangles += [np.column_stack([a + i, b + i, b + j]), np.column_stack([a + i, b + j, a + j])]
-        tone = 1 + 0.10 * np.clip(rng.standard_normal(len(flat)), -2, 2)
-        tint = np.column_stack([tone * (1 + 0.03 * rng.standard_normal(len(flat))), tone, tone, np.ones(len(flat))])
-        return [
-            Part(
-                vertices=np.column_stack([flat, np.zeros(len(flat))]),
-                triangles=np.concatenate(triangles),
-                normals=np.tile([0.0, 0.0, 1.0], (len(flat), 1)),
-                uv=flat / np.array(look.tile_m),
-                texture=look.texture,
-                tint=tint,
-                roughness=1.0,
-                casts_shadow=False,
-            )
-        ]
+
+def _level_ground(look: Material, bounds: Array, rng: np.random.Generator) -> Part:
+    """Level ground around the structure, in rings."""
+    centre = bounds.mean(axis=0)[:2]
+    extent = float(np.linalg.norm((bounds[1] - bounds[0])[:2]))
+    rings = np.concatenate([np.linspace(0, 1.2 * extent, 10), np.geomspace(1.6 * extent, 6 * RIM_M, 9)])
+    spokes = 28
+    angle = np.arange(spokes) * 2 * np.pi / spokes
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    flat = np.concatenate([[centre], *(centre + r * around for r in rings[1:])])
+    i = np.arange(spokes)
+    j = (i + 1) % spokes
+    triangles = [np.column_stack([np.zeros(spokes, dtype=np.int64), 1 + i, 1 + j])]
+    for k in range(len(rings) - 2):
+        a, b = 1 + k * spokes, 1 + (k + 1) * spokes
+        triangles += [np.column_stack([a + i, b + i, b + j]), np.column_stack([a + i, b + j, a + j])]
+    tone = 1 + 0.10 * np.clip(rng.standard_normal(len(flat)), -2, 2)
+    tint = np.column_stack([tone * (1 + 0.03 * rng.standard_normal(len(flat))), tone, tone, np.ones(len(flat))])
+    return Part(
+        vertices=np.column_stack([flat, np.zeros(len(flat))]),
+        triangles=np.concatenate(triangles),
+        normals=np.tile([0.0, 0.0, 1.0], (len(flat), 1)),
+        uv=flat / np.array(look.tile_m),
+        texture=look.texture,
+        tint=tint,
+        roughness=1.0,
+        casts_shadow=False,
+    )
 
 
 def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -129,7 +131,7 @@ def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
     return image
 
 
-def _rim(bounds: Array, rng: np.random.Generator) -> list[Part]:
+def _rim(bounds: Array, rng: np.random.Generator) -> tuple[Part, ...]:
     """Distant hills and a belt of trees: two alpha-tested cylindrical bands with an irregular skyline."""
     centre = bounds.mean(axis=0)[:2]
     out = []
@@ -161,7 +163,7 @@ def _rim(bounds: Array, rng: np.random.Generator) -> list[Part]:
                 casts_shadow=False,
             )
         )
-    return out
+    return tuple(out)
 
 
 def _band(color: tuple[float, float, float], rough_px: float, rng: np.random.Generator) -> Texture:

@@ -201,7 +201,7 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     assert run.returncode == 2
     assert f"report: {out / 'index.html'}" in run.stdout
     causes = [line.split(":")[0] for line in run.stderr.splitlines() if line.startswith("FAILED")]
-    assert causes[0] == "FAILED render away-s0"  # its model is out of the first view
+    assert causes[0] == f"FAILED render away-s0 of {path}"  # its model is out of the first view
     assert "Traceback" not in run.stderr
     assert [p.name for p in (out / "sequences").iterdir()] == ["box-s0"]
     assert not any("away" in cause for cause in causes[1:])

@@ -53,7 +53,7 @@ def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
     assert rows["hasty"][1:3] == ["3", str(int(10 * float(rows["hasty"][3])) + 1)]
     assert rows["pilot"][1:5] == ["3", "61", "4.0", "-"]
     megabytes = {name: float(rows[name][5]) for name in ("timed", "hasty", "pilot")}
-    assert megabytes["timed"] == pytest.approx(451 * 640 * 480 * 1.2e-6, rel=0.1)
+    assert megabytes["timed"] == pytest.approx(451 * 640 * 480 * 0.98e-6, rel=0.1)
     assert rows["all"][2:4] == ["12", str(3 * (451 + 61 + int(rows["hasty"][2])))]
     assert "hasty: path orbit: at most 0.56 of the requested 1.5 m/s" in done.output
     assert "never: path orbit: duration_s 2: 7.85 m from rest to rest take" in done.output

@@ -225,6 +225,9 @@ def test_an_absent_blender_is_told_as_absent(sequence, tmp_path, monkeypatch):
 def test_a_blender_that_is_too_old_or_none_is_named(sequence, tmp_path, monkeypatch):
     fake_blender(tmp_path, monkeypatch, "echo 'Blender 2.83.5'; echo '  build date: 2020'")
     refused(twin(sequence, "--out", tmp_path / "t"), "2.83.5", "too old", "at least 3.1")
+    monkeypatch.delenv("UAVBENCH_BLENDER")
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    refused(twin(sequence, "--out", tmp_path / "t"), str(tmp_path / "blender"), "too old", "apt-get install blender")
     fake_blender(tmp_path, monkeypatch, "echo 'no display' >&2; exit 3")
     refused(twin(sequence, "--out", tmp_path / "t"), "prints no version", "no display")
 
@@ -328,6 +331,50 @@ def test_what_does_not_depend_on_the_renderer_is_copied(black, sequence, tmp_pat
     assert (tmp_path / "t" / "imu.csv").read_bytes() == (sequence / "imu.csv").read_bytes()
     rows, all_rows = (np.load(folder / "row_poses.npy") for folder in (tmp_path / "t", sequence))
     np.testing.assert_array_equal(rows, all_rows[::2])
+
+
+@pytest.fixture(scope="module")
+def with_surfaces(tmp_path_factory):
+    """A sequence with flow and normals, a stereo pair and bounds, of which one frame was lost."""
+    folder = tmp_path_factory.mktemp("surfaces") / "box-s0"
+    further = {
+        "annotations": ["flow", "normals"],
+        "cameras": [{"name": "right", "camera": CAMERA}],
+        "crlb_every": 2,
+        "flight": {"path": {"kind": "hand-pilot", "duration_s": 0.5}},
+        "effects": [{"kind": "drops", "lost": 0.3}],
+    }
+    generate(spec_of(**further), folder, content_hash="of the test")
+    return folder
+
+
+def test_normals_and_flow_are_the_sequences_to_the_byte(black, with_surfaces, tmp_path):
+    given = Sequence.load(with_surfaces)
+    assert np.ptp(np.diff(given.stamps_ns)) > 1e6, "a frame was lost, and flow leads past it"
+    done = twin(with_surfaces, "--out", tmp_path / "t")
+    assert done.exit_code == 0, done.output
+    made = Sequence.load(tmp_path / "t")
+    assert made.stamps_ns.tolist() == given.stamps_ns.tolist()
+    for kind, count in (("normals", len(given)), ("flow", len(given) - 1), ("occlusion", len(given) - 1)):
+        files = sorted(path.name for path in (made.folder / kind).iterdir())
+        assert len(files) == count
+        assert all((made.folder / kind / f).read_bytes() == (given.folder / kind / f).read_bytes() for f in files)
+    assert made[len(made) - 1].flow_px is None and made[0].flow_px is not None
+
+
+def test_what_is_not_in_a_twin_is_told_in_one_line(black, with_surfaces, sequence, tmp_path):
+    whole, third, plain = (
+        twin(folder, "--every", every, "--out", tmp_path / f"{folder.parent.name}-{every}")
+        for folder, every in ((with_surfaces, 1), (with_surfaces, 3), (sequence, 2))
+    )
+    told = "crlb.csv (bounds of the images of uavbench's renderer); cameras right (a twin is of the main camera)"
+    assert whole.stderr.splitlines()[-1] == f"not in the twin: {told}"
+    (line,) = (line for line in third.stderr.splitlines() if line.startswith("not in the twin"))
+    assert line.startswith("not in the twin: flow and occlusion (to the next frame") and line.endswith(told)
+    assert "not in the twin" not in plain.stderr
+    made, given = (Sequence.load(folder) for folder in (Path(third.stdout.strip()), with_surfaces))
+    assert [path.name for path in made.folder.iterdir() if path.name in ("flow", "occlusion", "cameras")] == []
+    np.testing.assert_array_equal(made[1].normals, given[3].normals)
 
 
 WRONG = {

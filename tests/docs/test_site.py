@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from html import unescape
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,8 @@ from tests.docs.pages import PAGES, ROOT, blocks
 from tests.reports.browser import NAMES, browser
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.plugins import PLUGINS
-from uavbench.bench.gallery.examples import sites
-from uavbench.bench.gallery.page import SECTIONS
+from uavbench.bench.gallery.examples import options
+from uavbench.bench.gallery.page import OPTIONS, SECTIONS
 
 pytestmark = [pytest.mark.ci, pytest.mark.slow(seconds=120)]
 needs_browser = pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="absent: chromium")
@@ -65,7 +66,7 @@ def test_every_equation_is_drawn(site):
 
 def test_every_plugin_that_can_be_seen_has_its_picture(site):
     shown = re.findall(r'<img alt="([^"]+)"[^>]* src="(gallery/[^"]+)"', text_of(site, "gallery.html"))
-    wanted = [*(kind for protocol in SECTIONS for kind in PLUGINS[protocol][0]), *sites()]
+    wanted = [*(kind for protocol in SECTIONS for kind in PLUGINS[protocol][0]), *chain(*map(options, OPTIONS))]
     assert sorted(kind for kind, _ in shown) == sorted(wanted)
     sizes = [(site / source).stat().st_size for _, source in shown]
     assert max(sizes) < LARGEST_PICTURE and sum(sizes) < ALL_PICTURES

@@ -66,8 +66,9 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"scenes/exports/{name}.py", "scenes/test_reconstruction_exports", "scenes/test_cameras")
             for name in ("colmap", "nerfstudio", "surface_points")
         ),
+        _target("scenes/exports/kalibr.py", "scenes/test_cameras", "scenes/test_rig_exports"),
         *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),
-        *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman")),
+        *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman", "matches")),
         _target("scenes/png/encoder.py", "scenes/test_png"),
         _target("trajectories/trajectory_files/formats.py", "trajectories/test_formats"),
         _target("trajectories/trajectory_files/covariances.py", "trajectories/test_covariances"),
@@ -86,6 +87,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("trajectories/sensors/satellites.py", "trajectories/test_gnss", "trajectories/test_sensors"),
         _target("scenes/dataset/surfaces/surface_truth.py", "scenes/test_surface_truth"),
+        _target("scenes/dataset/surfaces/flow_kernels.py", "scenes/test_surface_files", "scenes/test_surface_truth"),
         *(
             _target(f"tracker/fusion/{name}.py", "tracker/test_fusion_measurements", "tracker/test_fusion")
             for name in ("measurements", "vehicle_filter")
@@ -104,6 +106,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     ),
     "noise": (
         _target("scenes/materials/procedural_texture.py", "scenes/test_noise"),
+        _target("trajectories/kernels/lens.py", "trajectories/test_lens", uncompiled=True),
         _target("trajectories/reproducible_math.py", "trajectories/test_exact", uncompiled=True),
         _target("trajectories/wind/winds.py", "trajectories/test_wind"),
         _target("trajectories/wind/dryden.py", "trajectories/test_wind"),

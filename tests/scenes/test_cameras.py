@@ -375,12 +375,13 @@ def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, shif
         (found,) = extents([Render(replace(spec, name="a-s0"), tmp_path / "a-s0")])
         return found.bytes
 
-    one = told(ONE)
-    pixels, more = 128 * 96 * (1.2 + 0.5), (128 * 96 + 80 * 64) * (1.2 + 0.5)
-    assert told(replace(ONE, cameras=(RIGHT, LATE))) - one == pytest.approx(8 * more, rel=1e-6)
-    assert one > 8 * pixels
-    late = replace(ONE, name="a-s0", clock=CameraClock(timeshift_cam_imu_s=SHIFT_S))
-    assert extents([Render(late, tmp_path / "a-s0")])[0].frames == len(shifted)
+    one, right, late = (told(replace(ONE, cameras=cameras)) for cameras in ((), (RIGHT,), (LATE,)))
+    assert told(replace(ONE, cameras=(RIGHT, LATE))) - one == pytest.approx((right - one) + (late - one), rel=1e-6)
+    alone = [told(replace(ONE, mount=each.mount, camera=each.camera)) for each in (RIGHT, LATE)]
+    assert right - late == pytest.approx(alone[0] - alone[1], rel=1e-6)
+    assert right - one > 8 * 128 * 96
+    delayed = replace(ONE, name="a-s0", clock=CameraClock(timeshift_cam_imu_s=SHIFT_S))
+    assert extents([Render(delayed, tmp_path / "a-s0")])[0].frames == len(shifted)
     lidar = Lidar2d(rate_hz=20.0)
     table = lidar.measure(standing(0.35), BOX, np.random.default_rng(0))
     written = 8 * (2 + len(table.columns)) * len(table.stamps_ns)  # two stamps, and every column once

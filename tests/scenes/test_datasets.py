@@ -173,7 +173,7 @@ def test_the_bop_export_has_its_layout_and_millimetres(sequence: Sequence, tmp_p
     assert info["visib_fract"] > 0.95
     x, y, w, h = info["bbox_visib"]
     mask = cv2.imread(str(scene / "mask_visib" / "000001_000000.png"), cv2.IMREAD_GRAYSCALE)
-    assert mask[y : y + h, x : x + w].astype(bool).sum() == mask.astype(bool).sum() == info["px_count_visib"]
+    assert mask[y : y + h + 1, x : x + w + 1].astype(bool).sum() == mask.astype(bool).sum() == info["px_count_visib"]
     models = json.loads((tmp_path / "bop" / "models" / "models_info.json").read_text())["1"]
     assert models["size_x"] == pytest.approx(400.0)
     assert models["diameter"] == pytest.approx(1000 * np.sqrt(0.4**2 + 0.3**2 + 0.3**2))

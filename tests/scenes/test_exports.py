@@ -323,12 +323,12 @@ def test_bop_boxes_and_counts_are_those_of_outline_and_mask(sequence: Sequence, 
         area = int((np.array(inside) | (mask > 0)).sum())
         (info,) = infos[str(frame)]
         x, y, w, h = info["bbox_obj"]
-        np.testing.assert_allclose([x, y, x + w - 1, y + h - 1], [*pixels.min(axis=0), *pixels.max(axis=0)], atol=1)
+        np.testing.assert_allclose([x, y, x + w, y + h], [*pixels.min(axis=0), *pixels.max(axis=0)], atol=1)
         silhouette = exported["bop"] / "test" / "000001" / "mask" / f"{frame:06d}_000000.png"
         whole = cv2.imread(str(silhouette), cv2.IMREAD_GRAYSCALE)
         assert whole is not None and info["px_count_all"] == (whole > 0).sum()
         assert info["px_count_valid"] == info["px_count_all"] == pytest.approx(area, rel=0.02)
-        assert info["bbox_visib"] == [150, 100 + frame, 30, 40 - frame]
+        assert info["bbox_visib"] == [150, 100 + frame, 29, 39 - frame]
         assert info["px_count_visib"] == 30 * (40 - frame)
         assert info["visib_fract"] == info["px_count_visib"] / info["px_count_all"]  # type: ignore[operator]
 

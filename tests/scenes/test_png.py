@@ -14,6 +14,7 @@ from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.encoder import ENCODING, png
 from uavbench.scenes.png.huffman import code_lengths
+from uavbench.scenes.png.matches import BITS, find_matches
 
 RNG = np.random.default_rng(7)
 
@@ -65,23 +66,63 @@ def test_the_files_are_about_as_small_as_those_of_a_library() -> None:
 def test_the_bytes_of_a_version_never_change() -> None:
     """Whoever changes them raises ENCODING, which sequence.json records, and pins the new ones here."""
     ramp = (np.arange(97 * 61 * 3, dtype=np.int64) ** 2 // 7 % 251).astype(np.uint8).reshape(61, 97, 3)
-    digest = hashlib.sha256(png(ramp) + png(ramp[..., 0], smooth=True)).hexdigest()[:16]
-    assert (ENCODING, digest) == ("uavbench 1", "8f182ab0ba57da20")
+    files = png(ramp), png(ramp[..., 0], smooth=True), png(257 * (ramp // 16).astype(np.uint16), smooth=True)
+    digests = tuple(hashlib.sha256(file).hexdigest()[:16] for file in (files[0] + files[1], files[2]))
+    assert (ENCODING, *digests) == ("uavbench 2", "8f182ab0ba57da20", "2b4c7382884f6b87")
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 258, 259, 261, 65535, 131072, 131073, 400000])
-@pytest.mark.parametrize("kind", ["same", "two", "noise", "skewed"])
-def test_zlib_inflates_what_is_deflated(size: int, kind: str) -> None:
+@pytest.mark.parametrize("kind", ["same", "two", "noise", "skewed", "patterns"])
+@pytest.mark.parametrize("distance", [1, 2, 3, 6, 8])
+def test_zlib_inflates_what_is_deflated(size: int, kind: str, distance: int) -> None:
     data = {
+        "patterns": np.resize(np.tile(RNG.integers(0, 256, (9, distance), dtype=np.uint8), (1, 97)), size),
         "same": np.full(size, 65, dtype=np.uint8),
         "two": (np.arange(size) // 5 % 2).astype(np.uint8),
         "noise": RNG.integers(0, 256, size, dtype=np.uint8),
         "skewed": np.minimum(RNG.geometric(0.5, size), 255).astype(np.uint8),
     }[kind]
     out = np.full(room_words(size), 0xFFFFFFFFFFFFFFFF, dtype=np.uint64)
-    bits = deflate(data, out)
+    bits = deflate(data, distance, out)
     assert bits <= 64 * out.size
     assert zlib.decompress(out.view(np.uint8)[: -(-bits // 8)].tobytes(), -15) == data.tobytes()
+
+
+def matches_by_hand(data: np.ndarray, distance: int) -> list[int]:
+    """Begin and end of each longest stretch of at least three bytes that are like those a distance before."""
+    places, k = [], distance
+    while k < len(data):
+        end = k
+        while end < len(data) and data[end] == data[end - distance]:
+            end += 1
+        places += [k, end] if end - k >= 3 else []
+        k = max(end, k + 1)
+    return places
+
+
+@pytest.mark.parametrize("size", [1, 2, 63, 64, 65, 127, 128, 1000])
+@pytest.mark.parametrize("distance", [1, 2, 6])
+def test_matches_are_the_longest_stretches_of_repeated_bytes(size: int, distance: int) -> None:
+    for share in (0.05, 0.3, 1.0):
+        data = (RNG.random(size) > share).astype(np.uint8) * RNG.integers(0, 3, size, dtype=np.uint8)
+        same, masks = (
+            np.full(size + BITS, 255, dtype=np.uint8)[: -(-size // BITS) * BITS],
+            np.zeros(99, dtype=np.uint64),
+        )
+        places = np.empty(size + 1, dtype=np.int64)
+        words = same.view(np.uint64)
+        find = getattr(find_matches, "for_python", find_matches)
+        assert places[: find(data, (0, size), distance, same, words, masks, places)].tolist() == matches_by_hand(
+            data, distance
+        )
+
+
+@pytest.mark.parametrize(("kind", "pixel"), [("depth", 2), ("normals", 6)])
+def test_what_repeats_from_pixel_to_pixel_takes_no_room(kind: str, pixel: int) -> None:
+    """A slope has the same residual in each pixel, whose bytes differ."""
+    shape = (200, 300) if pixel == 2 else (200, 300, 3)
+    slope = np.broadcast_to(np.arange(200).reshape(-1, *[1] * (len(shape) - 1)) * 301, shape).astype(np.uint16)
+    assert len(png(slope, smooth=True)) < 0.02 * slope.nbytes
 
 
 def best_cost(counts: np.ndarray) -> int:

@@ -14,6 +14,7 @@ from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.meshes import joined
 from uavbench.scenes.renderables import BuiltSite, BuiltStructure, Light, Part
+from uavbench.scenes.rendering.gpu import covering_levels
 from uavbench.scenes.rendering.light_baking import bake
 from uavbench.scenes.rendering.radiance import RENDERED
 from uavbench.scenes.rendering.renderer import Renderer
@@ -68,6 +69,31 @@ def test_without_a_site_the_ground_stays_plain() -> None:
         0.0,
         False,
     )
+
+
+def test_hills_and_sky_are_the_same_with_and_without_a_site(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(materials.PAINTS, "grass", lambda rng: PLAIN)
+    bounds = bridge().structure.bounds
+    without, on_site = (Outdoor(site=site).build(bounds, np.random.default_rng(5)) for site in (Site(), Site(wet=0.5)))
+    assert on_site.sky is not None and without.sky is not None and on_site.sky.tobytes() == without.sky.tobytes()
+    assert len(on_site.parts) == len(without.parts) - 1
+    for ours, theirs in zip(on_site.parts, without.parts[1:], strict=True):
+        assert ours.texture.tobytes() == theirs.texture.tobytes()
+
+
+def test_contact_shadows_leave_plants_and_the_tones_of_the_ground() -> None:
+    plain, shaded = (site_of(Site(beneath="river", plants=1.0, contact_shadows=contact)) for contact in (False, True))
+    tufts, same = ([p for p in site.parts if p.instance == plants.INSTANCE] for site in (plain, shaded))
+    for a, b in zip(tufts, same, strict=True):
+        assert a.vertices.tobytes() == b.vertices.tobytes()
+    tones = []
+    for site in (plain, shaded):
+        ground = [p for p in site.parts if p.instance == 0 and p.tint is not None and not p.casts_shadow]
+        tones.append({tuple(v.round(3)): t[0] for p in ground for v, t in zip(p.vertices, p.tint, strict=True)})
+    common = tones[0].keys() & tones[1].keys()
+    assert len(common) > 500 and len(tones[1]) > len(tones[0])
+    assert np.std([tones[0][at] for at in common]) > 0.03
+    assert max(abs(tones[0][at] - tones[1][at]) for at in common) < 1e-12
 
 
 def test_a_bank_has_its_slope_and_a_river_its_depth() -> None:
@@ -246,3 +272,37 @@ def test_a_bridge_too_narrow_for_a_road_is_refused() -> None:
     narrow = Bridge(length_m=6.0, spans=2).build(np.random.default_rng(0))
     with pytest.raises(UserError, match="no gap beneath the structure is wide enough"):
         Site(beneath="road").build(PLAIN, narrow, STREAMS)
+
+
+def test_plants_do_not_thin_out_from_afar() -> None:
+    """What plants cover of the view falls with the square of the distance alone."""
+    feet = np.array([[[-2.0, -0.5], [2.0, 0.5]]])
+    terrain = Terrain(np.array([[-2.0, -0.5, 0.0], [2.0, 0.5, 4.0]]), feet)
+    rng = np.random.default_rng(2)
+    tufts = plants.cards(
+        plants.at_feet(terrain, 2.0, rng), terrain, plants.blades(rng, 70, (98.0, 118.0, 52.0), 0.16), 0.9, rng
+    )
+    camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
+
+    def covered(renderer: Renderer, away_m: float) -> float:
+        """Plants' pixels times the squared distance, mean of views that lie differently on the grid of pixels."""
+        views = [looking((0.1 * k, -away_m, 0.3 + 0.05 * k), (0.01 * k, 0.0, 0.3 + 0.013 * k)) for k in range(12)]
+        masks = [renderer.geometry(pose, camera)[1] == plants.INSTANCE for pose in views]
+        return float(np.mean(masks)) * away_m**2
+
+    left = {}
+    for keeps in (True, False):
+        with Renderer((replace(tufts, keeps_cover=keeps),), FLAT_LIGHT, 640, 480) as renderer:
+            left[keeps] = covered(renderer, 96.0) / covered(renderer, 12.0)
+    assert left[True] == pytest.approx(0.93, abs=0.08)
+    assert left[False] < 0.7, "with the mean alpha of blades and gaps"
+
+
+def test_every_mipmap_of_blades_has_as_many_opaque_pixels() -> None:
+    image = plants.blades(np.random.default_rng(1), 26, (118.0, 126.0, 66.0), 0.07)
+    share = (image[..., 3] > 127).mean()
+    levels = covering_levels(image)
+    assert [level.shape[0] for level in levels] == [128, 64, 32, 16, 8]
+    assert [(level[..., 3] > 127).mean() for level in levels] == pytest.approx([share] * 5, abs=0.04)
+    means = [level[..., :3].mean() for level in levels]
+    assert means == pytest.approx([image[..., :3].mean()] * 5, abs=1.0), "only alpha is scaled"

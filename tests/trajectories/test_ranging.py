@@ -169,12 +169,12 @@ def test_mistakes_name_the_sensor_and_what_to_do() -> None:
     for sensor, word in (
         (
             Lidar2d(offset_m=(-5.0, 0.0, -0.9)),
-            r"sensor lidar-2d: t = 0.00 s, at \(0.00, 0.00, 0.10\) m: it is inside the",
+            r"sensors\[0\], lidar-2d: t = 0.00 s, at \(0.00, 0.00, 0.10\) m: it is inside the",
         ),
-        (RangeFinder(offset_m=(0.0, 0.0, -1.5)), "sensor range-finder: .*under the floor; change its offset_m"),
+        (RangeFinder(offset_m=(0.0, 0.0, -1.5)), r"sensors\[0\], range-finder: .*under the floor; change its offset_m"),
         (
             Lidar3d(rate_hz=0.5),
-            "sensor lidar-3d: rate_hz 0.5: one reading takes 2 s, and the flight 0.5 s; raise rate_hz",
+            r"sensors\[0\], lidar-3d: rate_hz 0.5: one reading takes 2 s, and the flight 0.5 s; raise rate_hz",
         ),
     ):
         with pytest.raises(UserError, match=word):

@@ -185,7 +185,7 @@ def test_every_sensor_repeats_under_a_seed_and_keeps_its_rate(name: str) -> None
 
 @pytest.mark.parametrize("kind", [Imu, Barometer, Gnss, FlowDeck])
 def test_more_readings_than_are_read_are_refused_before_they_take_memory(kind: type) -> None:
-    with pytest.raises(UserError, match=r"sensor \S+: at rate_hz 1e\+12 .* at most 2,000,000"):
+    with pytest.raises(UserError, match=r"sensors\[0\], \S+: at rate_hz 1e\+12 .* at most 2,000,000"):
         measure((kind(rate_hz=1e12),), standing(1.0), BOX, 0)
 
 

@@ -1,9 +1,9 @@
 """Compact notation for the argument types of kernels.
 
-One word for each argument: its element (f float64, s float32, i int64, u uint8, h uint16, w uint64, b bool) and its
-number of dimensions, 0 for a scalar. An array is contiguous and only read; `!` after it means that it is written in
-place, `~` that it may be strided. A tuple of arguments is in parentheses, a named tuple is a word of its own, and `|`
-separates forms that a kernel is compiled for: ``"f2! i1 f0 (f1 f2)"``.
+One word for each argument: its element (f float64, s float32, i int64, j int32, u uint8, h uint16, w uint64, b bool)
+and its number of dimensions, 0 for a scalar. An array is contiguous and only read; `!` after it means that it is
+written in place, `~` that it may be strided. A tuple of arguments is in parentheses, a named tuple is a word of its
+own, and `|` separates forms that a kernel is compiled for: ``"f2! i1 f0 (f1 f2)"``.
 """
 
 import re
@@ -17,12 +17,13 @@ ELEMENTS = {
     "f": types.float64,
     "s": types.float32,
     "i": types.int64,
+    "j": types.int32,
     "u": types.uint8,
     "h": types.uint16,
     "w": types.uint64,
     "b": types.boolean,
 }
-WORD = re.compile(r"(?P<element>[fsiuhwb])(?P<dimensions>\d)(?P<marks>[!~]*)")
+WORD = re.compile(r"(?P<element>[fsijuhwb])(?P<dimensions>\d)(?P<marks>[!~]*)")
 
 
 def argument_types(text: str, tuples: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:

@@ -48,15 +48,14 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "Obstacl
     Every sensor has a random stream of its own name, so adding one never changes another's readings. UserError naming
     the sensor that cannot measure on this flight.
     """
-    return {name: _measured(name, sensor, flight, obstacles, seed) for name, sensor in named(sensors).items()}
-
-
-def _measured(name: str, sensor: SensorSpec, flight: Flight, obstacles: "ObstacleMesh", seed: int) -> Table:
-    try:
-        _check_rows(sensor, flight)
-        return sensor.measure(flight, obstacles, stream(seed, "sensor", name))
-    except UserError as error:
-        raise UserError(f"sensor {name}: {error}") from None
+    tables = {}
+    for number, (name, sensor) in enumerate(named(sensors).items()):
+        try:
+            _check_rows(sensor, flight)
+            tables[name] = sensor.measure(flight, obstacles, stream(seed, "sensor", name))
+        except UserError as error:
+            raise UserError(f"sensors[{number}], {name}: {error}") from None
+    return tables
 
 
 def _check_rows(sensor: SensorSpec, flight: Flight) -> None:

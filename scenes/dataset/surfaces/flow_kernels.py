@@ -1,157 +1,282 @@
-"""Kernels of the motion, occlusion and normals of the surfaces that pixels show, and of the numbers in their files."""
+"""Kernels of the motion and occlusion of the surfaces that pixels show, row by row into the bytes of their files."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.surfaces.surface_files import (
     FLOW_UNITS_PER_PX,
     FLOW_ZERO,
     HIDDEN,
     LARGEST_FLOW_PX,
-    NORMAL_UNITS,
     OUTSIDE,
     SEEN,
     UNKNOWN,
 )
-from uavbench.scenes.dataset.surfaces.trace_kernels import plane_share, turned
+from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.kernels.lens import project
+from uavbench.trajectories.kernels.lens import distort
+from uavbench.trajectories.pose import Array
 
 BEFORE = 1e-3
 """Relative depth difference above which a nearer surface occludes a point."""
 LEAST_SLOPE = 1e-6
 """Cosine of the angle to the optical axis from which on a point is before the camera."""
-DOUBTFUL = 4
-"""Value of the occlusion of points too far off-axis for the lens to be known as one-to-one there."""
 
 
-@compiled("(f2 f1 i1) i1 f3 f0 f2! u1!", allocates=False)
-def carry(shown: Any, mover_of: Any, motions: Any, widest: float, moved: Any, occlusion: Any) -> int:
-    """Surface points (k, 3) of pixels in the frame of a later camera, for the sky directions; returns those in doubt.
-
-    shown: rays (k, 3), depths along them, inf for the sky and NaN for nothing, and facets (k,), any for the sky.
-    mover_of (n,): the row of each facet in motions (m, 3, 4) from the camera to the later one; row 0 is of what rests.
-    widest: tangent of the angle to the optical axis up to which the lens is one-to-one. occlusion (k,) becomes UNKNOWN
-    where there is no point before the camera, DOUBTFUL beyond that angle, SEEN elsewhere.
+class Shown(NamedTuple):
+    """What the pixels (h, w) of a camera show: facets, -1 for none, and inverse depths, 1/m, 0 for the sky and NaN for
+    nothing. places (h, w, 2): where their rays meet the rendered image, px; (h, 0, 2) where it is the camera's own.
     """
-    rays, depths, rows = shown
-    doubtful: int = 0
-    for k in range(depths.size):
-        occlusion[k] = UNKNOWN
-        depth = depths[k]
-        if np.isnan(depth):
-            continue
-        motion, scale, near = 0, 1.0, 0.0
-        if depth < np.inf:
-            motion, scale, near = mover_of[rows[k]], depth, 1.0
-        x, y, z = scale * rays[k, 0], scale * rays[k, 1], scale * rays[k, 2]
-        a, b, c = motions[motion, 0], motions[motion, 1], motions[motion, 2]
-        u = a[0] * x + a[1] * y + a[2] * z + near * a[3]
-        v = b[0] * x + b[1] * y + b[2] * z + near * b[3]
-        w = c[0] * x + c[1] * y + c[2] * z + near * c[3]
-        moved[k, 0], moved[k, 1], moved[k, 2] = u, v, w
-        aside2 = u * u + v * v
-        if not (w > 0 and w * w > LEAST_SLOPE * LEAST_SLOPE * (aside2 + w * w)):
-            continue
-        if aside2 > widest * widest * w * w:
-            occlusion[k] = DOUBTFUL
-            doubtful += 1
-        else:
-            occlusion[k] = SEEN
-    return doubtful
+
+    rows: NDArray[np.int32]
+    near: Array
+    places: Array
 
 
-@compiled("(f2 f1 i1) f2 (f1 (f0 f0 f0 f0)) (i2 f2 f1 f1 f2) f3! u2!", allocates=False)
-def compare(shown: Any, moved: Any, lens: Any, later: Any, flow: Any, occlusion: Any) -> None:
-    """Flow (h, w, 2) in px to points moved by `carry`, NaN where it is not known, and the final occlusion (h, w).
-
-    lens: array of the camera, and fx fy cx cy of the pinhole that was rendered. later: facets in the later image
-    (h', w'), normals and offsets of their planes, and the later camera in the world: place (3,), rotation (3, 3). A
-    point is HIDDEN where all four rendered pixels around it show other facets, BEFORE it.
+class Motions(NamedTuple):
+    """mover_of (n,): the row of each facet in camera_from_place (m, 3, 4), of which row 0 is of what rests. They map a
+    place u v 1 in the rendered image, px, and its inverse depth to a multiple of its point in the later camera's frame.
     """
-    _, depths, rows = shown
-    cam, pinhole = lens
-    h, w = occlusion.shape
-    for i in range(h):
-        for j in range(w):
-            k = i * w + j
-            flow[i, j, 0] = flow[i, j, 1] = np.nan
-            if occlusion[i, j] == UNKNOWN:
-                continue
-            x, y, z = moved[k, 0], moved[k, 1], moved[k, 2]
-            u, v = project(x, y, z, cam)
-            du, dv = u - j, v - i
-            if not (abs(du) < LARGEST_FLOW_PX and abs(dv) < LARGEST_FLOW_PX):
-                occlusion[i, j] = UNKNOWN
-                continue
-            flow[i, j, 0], flow[i, j, 1] = du, dv
-            if not (-0.5 <= u <= w - 0.5 and -0.5 <= v <= h - 0.5):
-                occlusion[i, j] = OUTSIDE
-            elif _is_hidden(x, y, z, rows[k], depths[k] < np.inf, pinhole, later):
-                occlusion[i, j] = HIDDEN
-            else:
-                occlusion[i, j] = SEEN
+
+    mover_of: NDArray[np.int64]
+    camera_from_place: Array
+
+
+class Lens(NamedTuple):
+    """The array of a camera, see `camera_array`, and fx fy cx cy of the pinhole that was rendered."""
+
+    camera: Array
+    pinhole: Array
+
+
+class RowScratch(NamedTuple):
+    """A row of w pixels: columns (w,), their places (2, w) in the rendered image and points (3, w) in the later
+    camera's frame, whose first two coordinates `project` divides by the third.
+
+    later and rendered (2, w): places of the points in the camera's later image and in the rendered one, px; nearest
+    (2, w): the rendered pixels next to them; known (w,): 1 where there is a flow, and its codes (2, w).
+    """
+
+    columns: Array
+    places: Array
+    points: Array
+    later: Array
+    rendered: Array
+    known: NDArray[np.uint8]
+    codes: NDArray[np.uint16]
+    nearest: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, width: int) -> "RowScratch":
+        """Scratch for rows of a width in px."""
+        columns, (two, three) = np.arange(width, dtype=np.float64), (np.empty((n, width)) for n in (2, 3))
+        known, codes = np.empty(width, dtype=np.uint8), np.empty((2, width), dtype=np.uint16)
+        return cls(
+            columns,
+            two,
+            three,
+            np.empty_like(two),
+            np.empty_like(two),
+            known,
+            codes,
+            np.empty_like(codes, dtype=np.int32),
+        )
+
+
+SHOWN = named_tuple(Shown, "j2! f2! f3!")
+MOTIONS = named_tuple(Motions, "i1! f3!")
+LENS = named_tuple(Lens, "f1! f1!")
+ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h2! j2!")
+
+
+@compiled("shown motions f0 scratch f2! i2!", allocates=False, shown=SHOWN, motions=MOTIONS, scratch=ROW_SCRATCH)
+def list_doubtful(shown: Any, motions: Any, widest: float, scratch: Any, points: Any, pixels: Any) -> int:
+    """List points too far off-axis for the lens to be known as one-to-one there; returns how many.
+
+    widest: tangent of the angle to the optical axis up to which it is. points (k, 3) and pixels (k, 2), column and row,
+    have room for all pixels.
+    """
+    count: int = 0
+    for i in range(shown.rows.shape[0]):
+        carry(shown, motions, i, scratch)
+        for j in range(shown.rows.shape[1]):
+            x, y, z = scratch.points[0, j], scratch.points[1, j], scratch.points[2, j]
+            if z > 0 and x * x + y * y > widest * widest * z * z:
+                points[count, 0], points[count, 1], points[count, 2] = x, y, z
+                pixels[count, 0], pixels[count, 1] = j, i
+                count += 1
+    return count
+
+
+@compiled(
+    "shown motions lens j2 facets scratch (u2! u2!)",
+    allocates=False,
+    shown=SHOWN,
+    motions=MOTIONS,
+    lens=LENS,
+    facets=FACET_TABLE,
+    scratch=ROW_SCRATCH,
+)
+def flow_rows(shown: Any, motions: Any, lens: Any, seen: Any, facets: Any, scratch: Any, out: Any) -> None:
+    """Flow to a later image, and occlusion there, of all pixels (h, w).
+
+    seen (h', w') and facets: what was rendered later. out: rows (h, 6 w) of a flow file, u v known in 16 bits, the
+    first byte the higher; and the occlusion (h, w), UNKNOWN where it must stay so. A point is HIDDEN where all four
+    rendered pixels around it show other facets, BEFORE it.
+    """
+    codes, occlusion = out
+    for i in range(occlusion.shape[0]):
+        carry(shown, motions, i, scratch)
+        project(lens, i, scratch)
+        _code(scratch, i, occlusion[i], codes[i])
+        _hide(shown, seen, facets, i, scratch, occlusion[i])
 
 
 @compiled
-def _is_hidden(x: float, y: float, z: float, row: int, is_near: bool, pinhole: Any, later: Any) -> bool:
-    """Whether all four rendered pixels around a point in the later camera's frame show facets before it."""
-    fx, fy, cx, cy = pinhole
-    left, top = int(np.floor(x / z * fx + cx)), int(np.floor(y / z * fy + cy))
-    # of most points the first of the four shows the facet; asked here, without the loop, it takes a quarter of the time
-    return _facet(later[0], left, top) != row and _is_behind(x, y, z, row, is_near, (left, top), later)
+def carry(shown: Any, motions: Any, i: int, scratch: Any) -> None:
+    """Points of row i in the frame of the later camera, divided by their depths before; NaN where there is nothing."""
+    places, points, near = scratch.places, scratch.points, shown.near[i]
+    for j in range(near.size):
+        places[0, j], places[1, j] = scratch.columns[j], i
+    for j in range(shown.places.shape[1]):
+        places[0, j], places[1, j] = shown.places[i, j, 0], shown.places[i, j, 1]
+    for axis in range(3):
+        _carry_axis(motions.camera_from_place[0, axis], places[0], places[1], near, points[axis])
+    if motions.camera_from_place.shape[0] > 1:
+        _carry_movers(shown.rows[i], motions, near, places, points)
+
+
+@compiled
+def _carry_axis(a: Any, u: Any, v: Any, near: Any, out: Any) -> None:
+    """One coordinate of the points of what rests. Kernels that write one array are compiled to vectors."""
+    first, second, rest, by_nearness = a[0], a[1], a[2], a[3]
+    for j in range(out.size):
+        out[j] = first * u[j] + second * v[j] + rest + by_nearness * near[j]
+
+
+@compiled
+def _carry_movers(rows: Any, motions: Any, near: Any, places: Any, points: Any) -> None:
+    """Points of what moves."""
+    last, mover = np.int32(-1), 0
+    for j in range(rows.size):
+        if rows[j] != last:
+            last = rows[j]
+            mover = motions.mover_of[last] if last >= 0 else 0
+        if mover:
+            for axis in range(3):
+                a = motions.camera_from_place[mover, axis]
+                points[axis, j] = a[0] * places[0, j] + a[1] * places[1, j] + a[2] + a[3] * near[j]
+
+
+@compiled
+def project(lens: Any, i: int, scratch: Any) -> None:
+    """Places of the points of row i in the later images, and whether their flow is known and fits into the files."""
+    cam, pinhole, points, later = lens.camera, lens.pinhole, scratch.points, scratch.later
+    for axis in range(2):
+        _divide(points[axis], points[2])
+        _scale(points[axis], pinhole[axis], pinhole[axis + 2], scratch.rendered[axis])
+        _scale(points[axis], cam[axis], cam[axis + 2], later[axis])
+    if cam[4] != 0.0:
+        for j in range(later.shape[1]):
+            x, y = distort(points[0, j], points[1, j], cam)
+            later[0, j], later[1, j] = cam[0] * x + cam[2], cam[1] * y + cam[3]
+    for j in range(later.shape[1]):
+        x, y = points[0, j], points[1, j]
+        ahead = (points[2, j] > 0.0) & ((x * x + y * y + 1.0) * (LEAST_SLOPE * LEAST_SLOPE) < 1.0)
+        fits = (abs(later[0, j] - scratch.columns[j]) < LARGEST_FLOW_PX) & (abs(later[1, j] - i) < LARGEST_FLOW_PX)
+        scratch.known[j] = np.uint8(ahead & fits)
+
+
+@compiled
+def _divide(values: Any, by: Any) -> None:
+    """Values (n,) divided by others."""
+    for j in range(values.size):
+        values[j] /= by[j]
+
+
+@compiled
+def _scale(values: Any, factor: float, offset: float, out: Any) -> None:
+    """Out = factor * values + offset."""
+    for j in range(out.size):
+        out[j] = factor * values[j] + offset
+
+
+@compiled
+def _code(scratch: Any, i: int, occlusion: Any, out: Any) -> None:
+    """Write a row (6 w,) of a flow file; where the occlusion is UNKNOWN, no flow is known."""
+    known, codes = scratch.known, scratch.codes
+    for j in range(known.size):
+        known[j] &= np.uint8(occlusion[j] != UNKNOWN)
+    _code_axis(scratch.later[0], scratch.columns, known, codes[0])
+    _scale(scratch.columns, 0.0, float(i), scratch.places[1])
+    _code_axis(scratch.later[1], scratch.places[1], known, codes[1])
+    for j in range(known.size):
+        out[6 * j], out[6 * j + 1] = np.uint8(codes[0, j] >> 8), np.uint8(codes[0, j])
+        out[6 * j + 2], out[6 * j + 3] = np.uint8(codes[1, j] >> 8), np.uint8(codes[1, j])
+        out[6 * j + 4], out[6 * j + 5] = 0, known[j]
+
+
+@compiled
+def _code_axis(later: Any, here: Any, known: Any, out: Any) -> None:
+    """Numbers (w,) of a component of the flow in the files."""
+    for j in range(out.size):
+        units = np.int32(np.rint((later[j] - here[j]) * FLOW_UNITS_PER_PX)) + np.int32(FLOW_ZERO)
+        out[j] = np.uint16(units) if known[j] else np.uint16(0)
+
+
+@compiled
+def _hide(shown: Any, seen: Any, facets: Any, i: int, scratch: Any, occlusion: Any) -> None:
+    """Occlusion (w,) of row i, UNKNOWN where no flow is known."""
+    h, w = shown.rows.shape
+    later, rendered, nearest, rows = scratch.later, scratch.rendered, scratch.nearest, shown.rows[i]
+    for j in range(w):
+        u, v = later[0, j], later[1, j]
+        inside = (u >= -0.5) & (u <= w - 0.5) & (v >= -0.5) & (v <= h - 0.5)
+        occlusion[j] = np.uint8((SEEN if inside else OUTSIDE) if scratch.known[j] else UNKNOWN)
+    _round(rendered[0], occlusion, nearest[0])
+    _round(rendered[1], occlusion, nearest[1])
+    for j in range(w):
+        if occlusion[j] == SEEN and _facet(seen, nearest[0, j], nearest[1, j]) != rows[j]:
+            near = shown.near[i, j] / scratch.points[2, j]
+            if _is_behind(seen, facets, rows[j], (rendered[0, j], rendered[1, j]), near):
+                occlusion[j] = HIDDEN
+
+
+@compiled
+def _round(values: Any, occlusion: Any, out: Any) -> None:
+    """Integers nearest to values (w,) of points that are SEEN, 0 for others."""
+    for j in range(out.size):
+        out[j] = np.int32(np.floor(values[j] + 0.5) if occlusion[j] == SEEN else 0.0)
 
 
 @compiled
 def _facet(seen: Any, column: int, row: int) -> int:
     """The facet that a pixel shows, or the nearest one of the image."""
-    return int(seen[min(max(row, 0), seen.shape[0] - 1), min(max(column, 0), seen.shape[1] - 1)])
+    facet: int = seen[min(max(row, 0), seen.shape[0] - 1), min(max(column, 0), seen.shape[1] - 1)]
+    return facet
 
 
 @compiled
-def _is_behind(x: float, y: float, z: float, row: int, is_near: bool, corner: Any, later: Any) -> bool:
-    """Whether the four pixels from a corner to the right and below show facets other than a point's, before it."""
-    seen, normals, offsets, eye, rotation = later
-    a, b, c = turned(rotation, x, y, z)
+def _is_behind(seen: Any, facets: Any, row: int, place: Any, near: float) -> bool:
+    """Whether the four rendered pixels around a place, px, show other facets than a point's, before it.
+
+    near: the inverse depth of the point there, 1/m.
+    """
+    u, v = place
+    left, top = int(np.floor(u)), int(np.floor(v))
     for step in range(4):
-        other = _facet(seen, corner[0] + (step & 1), corner[1] + (step >> 1))
+        other = _facet(seen, left + (step & 1), top + (step >> 1))
         if other < 0 or other == row:
             return False
-        if is_near and not plane_share(normals[other], offsets[other], eye, a, b, c) < 1 - BEFORE:
-            return False
+    last = row
+    for step in range(4):
+        other = _facet(seen, left + (step & 1), top + (step >> 1))
+        if other != last and near > 0.0:
+            ready(facets, other)
+            if not near < (1 - BEFORE) * nearness(facets.outlines, other, u, v):
+                return False
+        last = other
     return True
-
-
-@compiled("i1 f2 f2 f2 f2!", allocates=False)
-def face(rows: Any, normals: Any, rotation: Any, rays: Any, out: Any) -> None:
-    """Normals (k, 3) of the facets of pixels, turned by a rotation and towards their rays' origin; NaN for row -1."""
-    for k in range(rows.size):
-        row = rows[k]
-        if row < 0:
-            out[k, 0] = out[k, 1] = out[k, 2] = np.nan
-            continue
-        x, y, z = turned(rotation, normals[row, 0], normals[row, 1], normals[row, 2])
-        away = x * rays[k, 0] + y * rays[k, 1] + z * rays[k, 2] > 0
-        out[k, 0], out[k, 1], out[k, 2] = (-x, -y, -z) if away else (x, y, z)
-
-
-@compiled("f2 h2!", allocates=False)
-def normal_codes(normals: Any, out: Any) -> None:
-    """Numbers (k, 3) z y x in the files of normals (k, 3)."""
-    for k in range(normals.shape[0]):
-        known = not np.isnan(normals[k, 0])
-        for axis in range(3):
-            code = np.rint((normals[k, axis] + 1) / 2 * NORMAL_UNITS) if known else 0.0
-            out[k, 2 - axis] = np.uint16(code)
-
-
-@compiled("f2 h2!", allocates=False)
-def flow_codes(flow: Any, out: Any) -> None:
-    """Numbers (k, 3) known v u in the files of flow (k, 2) in px."""
-    for k in range(flow.shape[0]):
-        known = not np.isnan(flow[k, 0])
-        out[k, 0] = np.uint16(known)
-        for axis in range(2):
-            code = np.rint(flow[k, axis] * FLOW_UNITS_PER_PX) + FLOW_ZERO if known else 0.0
-            out[k, 2 - axis] = np.uint16(code)

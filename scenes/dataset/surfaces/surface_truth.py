@@ -8,18 +8,20 @@ camera's rotation alone. Normals are those of the triangles, not the interpolate
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import camera_array
-from uavbench.scenes.dataset.surfaces.flow_kernels import DOUBTFUL, carry, compare, face, flow_codes, normal_codes
+from uavbench.scenes.dataset.surfaces.flow_kernels import Lens, Motions, RowScratch, Shown, flow_rows, list_doubtful
+from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import SEEN, UNKNOWN
-from uavbench.scenes.dataset.surfaces.trace_kernels import trace
-from uavbench.scenes.png.encoder import png
+from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
+from uavbench.scenes.png.encoder import png, png_of_rows
+from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
-from uavbench.scenes.rendering.facets import NONE, Planes, Rows
+from uavbench.scenes.rendering.facets import NONE
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.pose import Array, Pose
 
@@ -36,24 +38,18 @@ TANGENTS, DIRECTIONS, WIDEST = 256, 64, 1.5
 
 @dataclass(frozen=True, eq=False)
 class SurfaceView:
-    """Facets and depths of the k pixels of a camera at one time.
-
-    seen (h', w') facets in the pinhole's image; rows (k,) facets of the camera's pixels, NONE for none; planes of all
-    facets at that time; depths_m (k,) along the optical axis, inf for sky, NaN for none.
-    """
+    """What the pixels of a camera show at one time; seen (h', w'): facets in the pinhole's image."""
 
     time_ns: int
     cam_from_world: Pose
-    seen: Rows
-    rows: Rows
-    planes: Planes
-    depths_m: Array
+    seen: NDArray[np.int32]
+    shown: Shown
 
 
 class FlowTruth(NamedTuple):
-    """Flow (h, w, 2) in px, NaN where it is not known, and occlusion (h, w)."""
+    """Rows (h, 6 w) of a flow file: u, v and 1 where they are known, 16 bits each; and occlusion (h, w)."""
 
-    flow: Array
+    rows: NDArray[np.uint8]
     occlusion: NDArray[np.uint8]
 
 
@@ -63,64 +59,73 @@ class SurfaceTruth:
     def __init__(self, renderer: Renderer, source: CameraSimulator) -> None:
         self._renderer, self._source = renderer, source
         camera, pinhole = source.camera, source.pinhole
-        pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
-        self._rays = camera.rays(pixels)
-        place = self._in_pinhole(self._rays)
-        self._at = np.rint(place).astype(np.int64)
-        centres = (self._at - [pinhole.cx, pinhole.cy]) / [pinhole.fx, pinhole.fy]
-        self._centre_rays = np.column_stack([centres, np.ones(len(centres))])
-        self._base = self._at if source.lens is None else np.floor(place).astype(np.int64)
-        self._steps = np.array(RING if source.lens is None else SQUARE, dtype=np.int64)
-        self._sure = 1 if source.lens is None else len(CORNERS)
-        self._widest, self._moved = self._one_to_one(), np.empty((len(self._rays), 3))
+        self._size = camera.height, camera.width
+        self._rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+        self._places = np.empty((camera.height, 0, 2))
+        if source.lens is not None:
+            self._places = self._in_pinhole(self._rays).reshape(*self._size, 2)
+        steps, sure = (RING, 1) if source.lens is None else (SQUARE, len(CORNERS))
+        self._tried = np.array(steps, dtype=np.int64), sure
+        intrinsics = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy], dtype=np.float64)
+        self._lens, self._scratch = Lens(camera_array(camera), intrinsics), RowScratch.of(camera.width)
+        self._widest = self._one_to_one()
 
     def view(self, time_ns: int) -> SurfaceView:
-        """Facets and depths of all pixels at a time in ns."""
-        pose, facets = self._source.cam_from_world(time_ns), self._renderer.facets
-        seen = np.ascontiguousarray(self._renderer.facets_seen(pose, self._source.pinhole, time_ns * 1e-9))
-        planes, world_from_cam = facets.planes(time_ns * 1e-9), pose.inverse()
-        rows = np.empty(len(self._rays), dtype=np.int64)
-        depths = np.full(len(rows), np.inf if facets.has_sky else np.nan)
-        rays = world_from_cam.translation, _matrix(world_from_cam), self._rays, self._centre_rays
-        pixels, tried = (self._at, self._base), (self._steps, self._sure)
-        places = (planes.normals, planes.offsets_m, planes.corners_m)
-        trace(seen, pixels, tried, places, rays, rows, depths)
-        return SurfaceView(time_ns, pose, seen, rows, planes, depths)
+        """Facets and inverse depths of all pixels at a time in ns."""
+        pose, pinhole = self._source.cam_from_world(time_ns), self._source.pinhole
+        seen = self._renderer.facets_seen(pose, pinhole, time_ns * 1e-9)
+        facets = self._renderer.facet_table(pose, pinhole, time_ns * 1e-9)
+        background = 0.0 if self._renderer.facets.has_sky else np.nan
+        shown = Shown(np.empty(self._size, dtype=np.int32), np.empty(self._size), self._places)
+        if self._source.lens is None:
+            trace_centres(seen, facets, self._tried, background, shown.rows, shown.near)
+        else:
+            trace(seen, self._places, facets, self._tried, background, shown.rows, shown.near)
+        return SurfaceView(time_ns, pose, seen, shown)
 
     def geometry(self, view: SurfaceView) -> Geometry:
         """Depth (h, w) along the optical axis in metres, 0 where there is no surface, and instances (h, w)."""
-        size = self._source.camera.height, self._source.camera.width
-        there = view.rows != NONE
-        instances = np.zeros(len(view.rows), dtype=np.uint8)
-        instances[there] = self._renderer.facets.instances[view.rows[there]]
-        depths = np.where(there & np.isfinite(view.depths_m), view.depths_m, 0.0)
-        return Geometry(depths.astype(np.float32).reshape(size), instances.reshape(size))
+        rows, near = view.shown.rows, view.shown.near
+        there = rows != NONE
+        instances = np.zeros(self._size, dtype=np.uint8)
+        instances[there] = self._renderer.facets.instances[rows[there]]
+        depths = np.divide(1.0, near, out=np.zeros(self._size), where=there & (near > 0))
+        return Geometry(depths.astype(np.float32), instances)
 
-    def normals(self, view: SurfaceView) -> Array:
-        """Unit normals (h, w, 3) in the camera's frame, towards the camera; NaN where there is no surface."""
-        normals = np.empty((len(view.rows), 3))
-        face(view.rows, view.planes.normals, _matrix(view.cam_from_world), self._rays, normals)
-        return self._image(normals)
+    def normals(self, view: SurfaceView) -> NDArray[np.uint8]:
+        """Rows (h, 6 w) of a file of normals in the camera's frame, towards the camera; 0 where there is no surface."""
+        out = np.empty((self._size[0], 6 * self._size[1]), dtype=np.uint8)
+        corners = self._facets(view).corners
+        normal_rows(view.shown.rows, corners, np.ascontiguousarray(view.cam_from_world.matrix[:3]), out)
+        return out
 
     def flow(self, view: SurfaceView, later: SurfaceView) -> FlowTruth:
-        """Flow (h, w, 2) in px from one view to a later one, NaN where it is not known; and occlusion (h, w)."""
-        pinhole, height, width = self._source.pinhole, self._source.camera.height, self._source.camera.width
-        flow, occlusion = np.empty((height, width, 2)), np.empty((height, width), dtype=np.uint8)
-        shown, found = (self._rays, view.depths_m, view.rows), occlusion.reshape(-1)
-        if carry(shown, self._renderer.facets.mover_of, self._motions(view, later), self._widest, self._moved, found):
-            asked = np.flatnonzero(found == DOUBTFUL)
-            found[asked] = np.where(self._met_again(self._moved[asked]), SEEN, UNKNOWN)
-        world_from_cam, planes = later.cam_from_world.inverse(), later.planes
-        lens = camera_array(self._source.camera), (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
-        place = world_from_cam.translation, _matrix(world_from_cam)
-        compare(shown, self._moved, lens, (later.seen, planes.normals, planes.offsets_m, *place), flow, occlusion)
-        return FlowTruth(flow, occlusion)
+        """Flow from one view to a later one, and occlusion there."""
+        motions = Motions(self._renderer.facets.mover_of, self._motions(view, later))
+        height, width = self._size
+        out = FlowTruth(np.empty((height, 6 * width), dtype=np.uint8), np.full(self._size, SEEN, dtype=np.uint8))
+        if self._widest < np.inf:
+            points, pixels = np.empty((height * width, 3)), np.empty((height * width, 2), dtype=np.int64)
+            if count := list_doubtful(view.shown, motions, self._widest, self._scratch, points, pixels):
+                column, row = pixels[:count][~self._met_again(points[:count])].T
+                out.occlusion[row, column] = UNKNOWN
+        flow_rows(view.shown, motions, self._lens, later.seen, self._facets(later), self._scratch, tuple(out))
+        return out
+
+    def _facets(self, view: SurfaceView) -> FacetTable:
+        """The facets as they are in a view."""
+        return self._renderer.facet_table(view.cam_from_world, self._source.pinhole, view.time_ns * 1e-9)
 
     def _motions(self, view: SurfaceView, later: SurfaceView) -> Array:
-        """Matrices (m, 3, 4) of what rests and of each mover, from the camera's frame to the later camera's."""
-        world_from_cam = view.cam_from_world.inverse()
+        """Matrices (m, 3, 4) from places in the pinhole's image to the later camera's frame: see `Motions`."""
+        pinhole, world_from_cam = self._source.pinhole, view.cam_from_world.inverse()
         steps = self._renderer.facets.steps(view.time_ns * 1e-9, later.time_ns * 1e-9)
-        return np.array([(later.cam_from_world @ step @ world_from_cam).matrix[:3] for step in steps])
+        ray_from_place = np.eye(4)
+        ray_from_place[:2, :3] = [
+            [1 / pinhole.fx, 0, -pinhole.cx / pinhole.fx],
+            [0, 1 / pinhole.fy, -pinhole.cy / pinhole.fy],
+        ]
+        return np.array([(later.cam_from_world @ step @ world_from_cam).matrix[:3] @ ray_from_place for step in steps])
 
     def _in_pinhole(self, points: Array) -> Array:
         """Projections (k, 2) in px of points (k, 3) in the camera frame into the pinhole image."""
@@ -146,14 +151,6 @@ class SurfaceTruth:
         x, y = (np.outer(tangents, turn(angles)).reshape(-1) for turn in (np.cos, np.sin))
         met = self._met_again(np.column_stack([x, y, np.ones(len(x))])).reshape(TANGENTS, DIRECTIONS).all(axis=1)
         return float(tangents[-1] if met.all() else tangents[max(int(np.argmin(met)) - 2, 0)])
-
-    def _image(self, values: Array) -> Array:
-        return values.reshape(self._source.camera.height, self._source.camera.width, -1)
-
-
-def _matrix(pose: Pose) -> Array:
-    """Rotation of a pose, its rows one after the other in memory."""
-    return np.ascontiguousarray(pose.rotation)
 
 
 class SurfaceFiles:
@@ -190,21 +187,18 @@ class SurfaceFiles:
         return self._truth.geometry(view) if {"depth", "mask"} & self.annotations else None
 
 
-def write_normals(folder: Path, frame: int, normals: Array) -> None:
-    """Write `normals/NNNNNN.png` from unit normals (h, w, 3)."""
-    codes = np.empty(normals.shape, dtype=np.uint16)
-    normal_codes(normals.reshape(-1, 3), codes.reshape(-1, 3))
-    _write(folder / "normals" / f"{frame:06d}.png", codes)
+def write_normals(folder: Path, frame: int, rows: NDArray[np.uint8]) -> None:
+    """Write `normals/NNNNNN.png` from its rows (h, 6 w)."""
+    _write(folder / "normals" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
 
 
-def write_flow(folder: Path, frame: int, flow: Array, occlusion: NDArray[np.uint8]) -> None:
-    """Write `flow/NNNNNN.png` from flow (h, w, 2) in px, and `occlusion/NNNNNN.png`."""
-    codes = np.empty((*flow.shape[:2], 3), dtype=np.uint16)
-    flow_codes(flow.reshape(-1, 2), codes.reshape(-1, 3))
-    _write(folder / "flow" / f"{frame:06d}.png", codes)
-    _write(folder / "occlusion" / f"{frame:06d}.png", occlusion)
+def write_flow(folder: Path, frame: int, rows: NDArray[np.uint8], occlusion: NDArray[np.uint8]) -> None:
+    """Write `flow/NNNNNN.png` from its rows (h, 6 w), and `occlusion/NNNNNN.png` (h, w)."""
+    _write(folder / "flow" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
+    _write(folder / "occlusion" / f"{frame:06d}.png", png(occlusion, smooth=True))
 
 
-def _write(path: Path, codes: NDArray[Any]) -> None:
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(png(codes, smooth=True))
+def _write(path: Path, data: bytes) -> None:
+    if not path.parent.is_dir():
+        path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)

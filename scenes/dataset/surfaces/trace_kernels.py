@@ -1,9 +1,10 @@
-"""Kernel that traces the pixels of a camera to the facets that were rendered around them."""
+"""Kernels that trace the pixels of a camera to the facets that were rendered around them."""
 
 from typing import Any
 
 import numpy as np
 
+from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
 from uavbench.trajectories.kernels.compiled import compiled
 
 ON_BORDER = 1e-9
@@ -12,87 +13,114 @@ FARTHEST_BESIDE = 0.1
 """Relative depth by which a plane may differ between a ray beside its facet and the rendered pixel's centre."""
 
 
-@compiled
-def cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float]:
-    """Cross product of two vectors."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+@compiled("j2 facets (i2 i0) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
+def trace_centres(seen: Any, facets: Any, tried: Any, background: float, rows: Any, near: Any) -> None:
+    """Facet and inverse depth of each pixel of the camera that was rendered, as by `trace`.
 
-
-@compiled
-def plane_share(normal: Any, offset: float, eye: Any, x: float, y: float, z: float) -> float:
-    """Ray parameter at which a ray (x, y, z) from the eye meets a plane; inf where it does not."""
-    share = (offset - (normal[0] * eye[0] + normal[1] * eye[1] + normal[2] * eye[2])) / (
-        normal[0] * x + normal[1] * y + normal[2] * z
-    )
-    return share if share > 0 else np.inf  # also for NaN
-
-
-@compiled
-def is_inside(corners: Any, x: float, y: float, z: float) -> bool:
-    """Whether a point in the plane of a triangle (3, 3) lies in the triangle, by its barycentric coordinates."""
-    ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
-    ux, uy, uz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
-    vx, vy, vz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
-    nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
-    size = max(nx * nx + ny * ny + nz * nz, 1e-300)
-    px, py, pz = x - ax, y - ay, z - az
-    qx, qy, qz = cross(px, py, pz, vx, vy, vz)
-    second = (qx * nx + qy * ny + qz * nz) / size
-    qx, qy, qz = cross(ux, uy, uz, px, py, pz)
-    third = (qx * nx + qy * ny + qz * nz) / size
-    return bool(second >= -ON_BORDER and third >= -ON_BORDER and 1.0 - second - third >= -ON_BORDER)
-
-
-@compiled
-def turned(rotation: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Product of a rotation (3, 3) and a vector."""
-    return (
-        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-    )
-
-
-@compiled("i2 (i2 i2) (i2 i0) (f2 f1 f3) (f1 f2 f2 f2) i1! f1!", allocates=False)
-def trace(seen: Any, pixels: Any, tried: Any, planes: Any, rays: Any, rows: Any, depths: Any) -> None:
-    """Facet and ray parameter of each pixel: the nearest of the facets rendered around it that its ray passes through.
-
-    seen (h, w): rendered facets, -1 for none. pixels: column and row (k, 2) of the rendered pixel next to each pixel,
-    and of the one to which steps are added. tried: steps (m, 2), and the number of the first ones that are tried for
-    every pixel, the others until its ray meets a facet. planes: normals, offsets, corners. rays: their origin in the
-    world, the rotation (3, 3) from the camera to the world, and directions (k, 3) in the camera's frame through the
-    pixels, and through the centres of those rendered next to them. A ray that misses all facets has the plane of the
-    one rendered next to it; where that plane is too slanted, its depth in the centre. Without a facet rows are -1, and
-    depths are left.
+    Facets are convex: where both ends of a row's run of pixels that were rendered of a facet lie on it, all do.
     """
-    next_to, base = pixels
-    steps, sure = tried
-    normals, offsets, corners = planes
-    eye, rotation, through, through_centre = rays
     h, w = seen.shape
-    for k in range(through.shape[0]):
-        x, y, z = turned(rotation, through[k, 0], through[k, 1], through[k, 2])
-        centre = seen[next_to[k, 1], next_to[k, 0]]
-        best, row, last = np.inf, np.int64(-1), np.int64(-1)
-        for number in range(steps.shape[0]):
-            if number >= sure and (centre < 0 or best < np.inf):
-                break
-            i = min(max(base[k, 1] + steps[number, 1], 0), h - 1)
-            j = min(max(base[k, 0] + steps[number, 0], 0), w - 1)
-            facet = seen[i, j]
-            if facet < 0 or facet == last:
-                continue
-            last = facet
-            share = plane_share(normals[facet], offsets[facet], eye, x, y, z)
-            if share < best and is_inside(corners[facet], eye[0] + share * x, eye[1] + share * y, eye[2] + share * z):
-                best, row = share, facet
-        if row < 0 and centre >= 0:
-            row = centre
-            best = plane_share(normals[row], offsets[row], eye, x, y, z)
-            x, y, z = turned(rotation, through_centre[k, 0], through_centre[k, 1], through_centre[k, 2])
-            there = plane_share(normals[row], offsets[row], eye, x, y, z)
-            if not abs(best - there) <= FARTHEST_BESIDE * there:
-                best = there
-        rows[k] = row
-        if row >= 0:
-            depths[k] = best
+    for i in range(h):
+        begin = 0
+        while begin < w:
+            facet = seen[i, begin]
+            end = end_of_run(seen[i], begin, w, facet)
+            if facet < 0:
+                rows[i, begin:end], near[i, begin:end] = facet, background
+            elif _is_on(facets, facet, begin, i) and _is_on(facets, facet, end - 1, i):
+                rows[i, begin:end] = facet
+                _fill(facets.outlines[facet, 3], begin, i, near[i, begin:end])
+            else:
+                for j in range(begin, end):
+                    rows[i, j], near[i, j] = _met(seen, facets, (float(j), float(i)), (j, i), (j, i), tried)
+            begin = end
+
+
+@compiled("j2 f3 facets (i2 i0) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
+def trace(seen: Any, places: Any, facets: Any, tried: Any, background: float, rows: Any, near: Any) -> None:
+    """Facet and inverse depth, 1/m, of each pixel: the nearest facet rendered around it that its ray passes through.
+
+    seen (h', w'): rendered facets, -1 for none. places (h, w, 2): where the rays of the camera's pixels meet the
+    rendered image, px. tried: steps (m, 2) that are added to the rendered pixel left of and above a place, and the
+    number of the first ones that are tried for every pixel; the others are left out where those show one facet, and the
+    ray meets it. A ray that misses all facets has the plane of the one rendered next to it; where that plane is too
+    slanted, its depth in the centre.
+    Without a facet rows are -1, and the inverse depth that of the background.
+    """
+    h, w = rows.shape
+    for i in range(h):
+        for j in range(w):
+            u, v = places[i, j, 0], places[i, j, 1]
+            next_to = int(np.rint(u)), int(np.rint(v))
+            base = int(np.floor(u)), int(np.floor(v))
+            rows[i, j], near[i, j] = _met(seen, facets, (u, v), next_to, base, tried)
+            if rows[i, j] < 0:
+                near[i, j] = background
+
+
+@compiled
+def end_of_run(row: Any, begin: int, stop: int, facet: int) -> Any:
+    """The first place from a beginning to a stop at which a row does not show a facet; or the stop.
+
+    With places without a sign, which need no check for one below 0.
+    """
+    place, last = np.uint64(begin), np.uint64(stop)
+    while place < last and row[place] == facet:
+        place += np.uint64(1)
+    return np.int64(place)
+
+
+@compiled
+def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any) -> tuple[Any, float]:
+    """Facet and inverse depth, 1/m, of one place; 0 m^-1 where the plane of its facet is never met."""
+    steps, sure = tried
+    u, v = place
+    h, w = seen.shape
+    centre = seen[next_to[1], next_to[0]]
+    row, last, nearest, alike = np.int32(-1), np.int32(-1), 0.0, True
+    for number in range(steps.shape[0]):
+        if number == sure and alike and (centre < 0 or nearest > 0.0):
+            break
+        i = min(max(base[1] + steps[number, 1], 0), h - 1)
+        j = min(max(base[0] + steps[number, 0], 0), w - 1)
+        facet = seen[i, j]
+        is_new, last = facet != last, facet
+        alike = alike and (number == 0 or not is_new)
+        if facet < 0 or not is_new:
+            continue
+        if _is_on(facets, facet, u, v) and nearness(facets.outlines, facet, u, v) > nearest:
+            row, nearest = facet, nearness(facets.outlines, facet, u, v)
+    if row < 0 and centre >= 0:
+        row = centre
+        ready(facets, row)
+        nearest = max(nearness(facets.outlines, row, u, v), 0.0)
+        there = max(nearness(facets.outlines, row, float(next_to[0]), float(next_to[1])), 0.0)
+        if not abs(there - nearest) <= FARTHEST_BESIDE * nearest:
+            nearest = there
+    return row, nearest
+
+
+@compiled
+def _is_on(facets: Any, row: int, u: float, v: float) -> bool:
+    """Whether the ray of a place in the image passes through a facet, by its barycentric coordinates."""
+    ready(facets, row)
+    a, b, c = _side(facets, row, 0, u, v), _side(facets, row, 1, u, v), _side(facets, row, 2, u, v)
+    total = a + b + c
+    return bool(total > 0.0 and min(a, b, c) >= -ON_BORDER * total)
+
+
+@compiled
+def _side(facets: Any, row: int, side: int, u: float, v: float) -> float:
+    """How far a place is inside a side of a facet, as a share of the sum of all three."""
+    inside: float = (
+        facets.outlines[row, side, 0] * u + facets.outlines[row, side, 1] * v + facets.outlines[row, side, 2]
+    )
+    return inside
+
+
+@compiled
+def _fill(plane: Any, begin: int, v: int, near: Any) -> None:
+    """Inverse depths (n,) of a plane at n places of a row."""
+    rest = plane[1] * v + plane[2]
+    for k in range(near.size):
+        near[k] = plane[0] * (begin + k) + rest

@@ -145,8 +145,7 @@ class Content:
         of, info = ("", INFO) if name == MAIN else (f" of camera `{name}`", f"/{name}/camera_info")
         infos = messages.camera_infos(shown.camera, sequence.stamps_ns.tolist(), info, link)
         yield Channel(info, "sensor_msgs/CameraInfo", f"intrinsics and distortion{of}", infos)
-        changed = shown.undistorted and sequence.camera.distortion_model != "none"
-        image = f"/{name}/image_rect" if changed else f"/{name}/image_raw"
+        image = messages.image_topic(name, shown)
         first, second = tee(messages.pictures(shown))  # decoded once: the messages of a frame are written together
         stamps = sequence.stamps_ns.tolist()
         if self.images != "compressed":

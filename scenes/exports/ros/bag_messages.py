@@ -220,6 +220,12 @@ def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: st
         )
 
 
+def image_topic(camera: str, shown: Shown) -> str:
+    """Topic of the images of a camera: `image_rect` where a distortion was removed from them (image_pipeline)."""
+    changed = shown.undistorted and shown.sequence.camera.distortion_model != "none"
+    return f"/{camera}/image_rect" if changed else f"/{camera}/image_raw"
+
+
 def ros_name(file: str) -> str:
     """A file name as a valid ROS name: letters, digits and underscores."""
     return re.sub(r"[^a-z0-9_]", "_", Path(file).stem.lower())

@@ -4,10 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.rendering.facets import Rows
-from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.scenes.rendering.antialiasing.facet_table import nearness, ready
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.pose import Array
 
 FLAT_COS = 0.999
 """Cosine of the angle between adjacent facets of a part (2.6 degrees) above which they are one smooth surface."""
@@ -23,20 +21,6 @@ NOWHERE = 2.0
 """Place of an outline that does not pass between two pixels, which are at 0 and 1."""
 
 
-class FacetTable(NamedTuple):
-    """Facets in view: corners (n, 3, 3) in the world, m; part (n,) of each; opposite (n, 3), the facet beyond the side
-    opposite each corner, -1 for none; plane (n,), see `number_planes`; image_from_world (3, 4) in px; outlines
-    (n, 4, 3), scratch, NaN where not known.
-    """
-
-    corners: Array
-    part: Rows
-    opposite: Rows
-    plane: Rows
-    image_from_world: Array
-    outlines: Array
-
-
 class Border(NamedTuple):
     """Places, 0 .. 1 from a pixel to the next one, where the facet of the one ends and that of the other begins; and
     the facet between them, -1 for none.
@@ -45,9 +29,6 @@ class Border(NamedTuple):
     ends: float
     begins: float
     between: int
-
-
-FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! i1! f2! f3!")
 
 
 @compiled("f3 i2 i1!", allocates=False)
@@ -90,46 +71,7 @@ def one_surface(facets: Any, here: int, there: int, u: float, v: float) -> bool:
     if here < 0 or there < 0 or facets.plane[here] != facets.plane[there]:
         return False
     ready(facets, here)
-    return _nearness(facets.outlines, here, u, v) > 0.0
-
-
-@compiled
-def ready(facets: Any, row: int) -> None:
-    """Fill in the outline of a facet unless it is there."""
-    if row >= 0 and np.isnan(facets.outlines[row, 3, 2]):
-        _outline(facets, row)
-
-
-@compiled
-def _outline(facets: Any, row: int) -> None:
-    """Set a facet's outline (4, 3): lines through its sides in the image, positive inside, and inverse depth, 1/m.
-
-    In homogeneous coordinates (Olano & Greer 1997), so that corners may lie behind the camera.
-    """
-    out = facets.outlines
-    for i in range(3):
-        a, b = (i + 1) % 3, (i + 2) % 3
-        ax, ay, az = _projected(facets, row, a)
-        bx, by, bz = _projected(facets, row, b)
-        out[row, i, 0], out[row, i, 1], out[row, i, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    x, y, z = _projected(facets, row, 0)
-    volume = x * out[row, 0, 0] + y * out[row, 0, 1] + z * out[row, 0, 2]
-    for k in range(3):
-        whole = out[row, 0, k] + out[row, 1, k] + out[row, 2, k]
-        out[row, 3, k] = whole / volume if volume != 0.0 else 0.0
-        if volume < 0.0:
-            for i in range(3):
-                out[row, i, k] = -out[row, i, k]
-
-
-@compiled
-def _projected(facets: Any, row: int, corner: int) -> tuple[float, float, float]:
-    """Homogeneous place of a facet's corner in the image."""
-    corners, matrix = facets.corners, facets.image_from_world
-    x, y, z = corners[row, corner, 0], corners[row, corner, 1], corners[row, corner, 2]
-    u = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z + matrix[0, 3]
-    v = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z + matrix[1, 3]
-    return u, v, matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z + matrix[2, 3]
+    return nearness(facets.outlines, here, u, v) > 0.0
 
 
 @compiled
@@ -142,8 +84,8 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Bo
     outlines, part = facets.outlines, facets.part
     along_u, along_v = 1.0 - axis, float(axis)
     if here >= 0 and there >= 0 and part[here] == part[there]:
-        near = _nearness(outlines, here, u + 0.5 * along_u, v + 0.5 * along_v)
-        far = _nearness(outlines, there, u + 0.5 * along_u, v + 0.5 * along_v)
+        near = nearness(outlines, here, u + 0.5 * along_u, v + 0.5 * along_v)
+        far = nearness(outlines, there, u + 0.5 * along_u, v + 0.5 * along_v)
         if abs(near - far) < SAME_DEPTH * near and _cosine(facets.corners, here, there) > FLAT_COS:
             return Border(0.5, 0.5, -1)
     first, first_side, back, second_side = NOWHERE, -1, NOWHERE, -1
@@ -158,7 +100,7 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Bo
     if first_side >= 0 and second_side >= 0:
         middle = 0.5 * (first + second)
         place_u, place_v = u + middle * along_u, v + middle * along_v
-        of_here = _nearness(outlines, here, place_u, place_v) >= _nearness(outlines, there, place_u, place_v)
+        of_here = nearness(outlines, here, place_u, place_v) >= nearness(outlines, there, place_u, place_v)
     row, side, at = (here, first_side, first) if of_here else (there, second_side, second)
     a, b = abs(outlines[row, side, 0]), abs(outlines[row, side, 1])
     if (b > a) if axis == 0 else (a >= b):
@@ -214,13 +156,6 @@ def _within(outlines: Any, row: int, u: int, v: int, axis: int) -> tuple[float, 
         elif inside < 0.0:
             return 1e9, -1e9
     return (enters, leaves) if enters < leaves else (1e9, -1e9)
-
-
-@compiled
-def _nearness(outlines: Any, row: int, u: float, v: float) -> float:
-    """Inverse depth, 1/m, of the plane of a facet at a place in the image."""
-    nearness: float = outlines[row, 3, 0] * u + outlines[row, 3, 1] * v + outlines[row, 3, 2]
-    return nearness
 
 
 @compiled

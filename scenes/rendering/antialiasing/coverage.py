@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.rendering.antialiasing.border_kernels import FACET_TABLE, borders, one_surface, ready
+from uavbench.scenes.rendering.antialiasing.border_kernels import borders, one_surface
+from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, ready
 from uavbench.scenes.rendering.facets import Rows
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
@@ -47,7 +48,6 @@ def antialias(color: Any, numbers: Any, facets: Any, seen: Any, rows: Any, out: 
     has the same colours from the top row on. seen (n + 1,) is scratch for n facets. A facet between two pixels has the
     colour of the last pixel that shows it.
     """
-    facets.outlines[:, 3, 2] = np.nan
     _list_unlike(numbers, seen, rows)
     for v in range(out.shape[0]):
         _find_borders(numbers, facets, v, seen, rows)
@@ -196,3 +196,13 @@ def depth_and_instances(numbers: Any, instance: Any, depth: Any, instances: Any)
             far[u] = row[u, 0]
         for u in range(w):
             of[u] = instance[np.uint32(row[u, 1])]
+
+
+@compiled("s3 j2!", allocates=False)
+def facet_rows(numbers: Any, rows: Any) -> None:
+    """Facets (h, w) from the top row on, -1 for the background, of numbers (h, w, 2) as in `antialias`."""
+    h, w = rows.shape
+    for v in range(h):
+        row, into = numbers[h - 1 - v], rows[v]
+        for u in range(w):
+            into[u] = np.int32(row[u, 1]) - np.int32(1)

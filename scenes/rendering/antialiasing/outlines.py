@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.rendering.antialiasing.border_kernels import FacetTable, number_planes
-from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, depth_and_instances
+from uavbench.scenes.rendering.antialiasing.border_kernels import number_planes
+from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, depth_and_instances, facet_rows
+from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import Facets
 from uavbench.trajectories.pose import Array, Pose
@@ -44,18 +45,27 @@ class Outlines:
         number_planes(corners, opposite, plane)
         self._table = FacetTable(corners, part, opposite, plane, np.zeros((3, 4)), scratch)
         self._instance = np.concatenate([[0], facets.instances]).astype(np.uint8)
+        self._moment: Moment | None = None
 
     def image(self, color: NDArray[np.uint8], numbers: NDArray[np.float32], moment: Moment) -> NDArray[np.uint8]:
         """Antialiased image (h, w, 3) BGR of what was rendered at pixel centres, see `antialias`."""
-        table, camera = self._table, moment.camera
-        for rows, mover in self._facets.movers:
-            moved = mover.world_from_part(moment.time_s).transform(self._facets.corners_m[rows].reshape(-1, 3))
-            table.corners[rows] = moved.reshape(-1, 3, 3)
-        K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-        table.image_from_world[:] = K @ moment.cam_from_world.matrix[:3]
+        table = self.table(moment)
         out = np.asarray(cv2.flip(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), 0), dtype=np.uint8)
         antialias(color, numbers, table, self._seen, BorderRows.of(*color.shape[:2]), out)
         return out
+
+    def table(self, moment: Moment) -> FacetTable:
+        """The facets as they are in view; valid until it is asked for at another moment."""
+        table, camera = self._table, moment.camera
+        if not moment.same(self._moment):
+            for rows, mover in self._facets.movers:
+                moved = mover.world_from_part(moment.time_s).transform(self._facets.corners_m[rows].reshape(-1, 3))
+                table.corners[rows] = moved.reshape(-1, 3, 3)
+            K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+            table.image_from_world[:] = K @ moment.cam_from_world.matrix[:3]
+            table.outlines[:, 3, 2] = np.nan
+            self._moment = moment
+        return table
 
     def geometry(self, numbers: NDArray[np.float32]) -> Geometry:
         """Depth and instances (h, w) of what was rendered at pixel centres."""
@@ -63,6 +73,12 @@ class Outlines:
         seen = Geometry(np.empty(size, dtype=np.float32), np.empty(size, dtype=np.uint8))
         depth_and_instances(numbers, self._instance, seen.depth_m, seen.instances)
         return seen
+
+    def rows(self, numbers: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Facets (h, w) of what was rendered at pixel centres, -1 for the background."""
+        rows = np.empty(numbers.shape[:2], dtype=np.int32)
+        facet_rows(numbers, rows)
+        return rows
 
 
 def opposite_facets(corners: Array, part: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -1,0 +1,91 @@
+"""Scenes that cannot be, on the command line: each message names the file, the key, what is wrong, and what to do."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+SUITE = """
+title = "t"
+rates_hz = [5.0]
+[trackers]
+hold = { kind = "hold" }
+"""
+SEQUENCE = """
+[sequences.NAME]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+camera = { width = 64, height = 48, horizontal_fov_deg = 75.0 }
+flight.path = { kind = "orbit", distance_m = 0.9, height_m = 0.4, turns = 0.02, speed_m_s = 0.3 }
+"""
+
+
+def uavbench(*arguments, folder):
+    words = [sys.executable, "-m", "uavbench.bench.cli.main", *map(str, arguments)]
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (
+            'cameras = [{ name = "right" }, { name = "right" }]',
+            "sequences.box: cameras[1].name 'right': cameras[0] has this name already; give it another one",
+        ),
+        (
+            "rate_hz = 900.0",
+            "sequences.box.rate_hz: input should be less than or equal to 500, got 900.0",
+        ),
+        (
+            'sensors = [{ kind = "imu" }, { kind = "lidar-2d", rate_hz = 800.0 }]',
+            "sequences.box.sensors[1].rate_hz: input should be less than or equal to 500, got 800.0",
+        ),
+        ("rate_hz = 2.0", "rates_hz: 5 Hz is more than the 2 Hz of sequence box-s0"),
+    ],
+)
+def test_mistakes_in_the_file_are_told_before_anything_is_rendered(tmp_path, lines, told):
+    (tmp_path / "bad.toml").write_text(SUITE + SEQUENCE.replace("NAME", "box") + lines)
+    for words in ((), ("--dry-run",)):
+        done = uavbench("render", "bad.toml", "--out", "out", *words, folder=tmp_path)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == f"uavbench: bad.toml: 1 mistake\n  {told}\n"
+    assert not (tmp_path / "out").exists()
+
+
+FLOWN = {
+    "lidar": (
+        'sensors = [{ kind = "imu" }, { kind = "lidar-3d", offset_m = [1.1, 0.0, -0.25] }]',
+        r"sensors\[1\], lidar-3d: t = 0.00 s, at \(0.05, 0.00, 0.15\) m: it is inside the structure; change its "
+        "offset_m, or plan the path further away",
+    ),
+    "low": (
+        'sensors = [{ kind = "range-finder", offset_m = [0.0, 0.0, -0.8] }]',
+        r"sensors\[0\], range-finder: t = 0.00 s, at .* it is under the floor; change its offset_m, or plan .*",
+    ),
+    "slow": (
+        'sensors = [{ kind = "lidar-3d", rate_hz = 0.1 }]',
+        r"sensors\[0\], lidar-3d: rate_hz 0.1: one reading takes 10 s, and the flight .* s; raise rate_hz, or fly .*",
+    ),
+    "encoder": (
+        'mount = { kind = "gimbal", encoder = { rate_hz = 0.3 } }',
+        r"gimbal of camera: encoder.rate_hz 0.3: one reading takes .* s, and the flight .* s; raise rate_hz, or fly .*",
+    ),
+    "inside": (
+        'cameras = [{ name = "right", mount = { offset_m = [1.1, 0.0, -0.25] } }]',
+        r"sequence inside-s0: camera right: .* the camera is inside the structure; .*",
+    ),
+}
+"""Sequences that only the flight shows to be impossible, and what is told about each."""
+
+
+def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path):
+    parts = [SEQUENCE.replace("NAME", name) + lines for name, (lines, _) in FLOWN.items()]
+    (tmp_path / "bad.toml").write_text("\n".join([SUITE, *parts]))
+    done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    told = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]
+    assert len(told) == len(FLOWN)
+    for name, (_, message) in FLOWN.items():
+        assert any(re.fullmatch(f"FAILED render {name}-s0 of bad.toml: {message}", line) for line in told), told
+    assert not list((tmp_path / "out" / "sequences").iterdir())

@@ -1,0 +1,95 @@
+"""The bytes that `--dry-run` tells of a sequence are those that it then has, within a quarter."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from uavbench.bench.config.suite import suite_of
+from uavbench.bench.disk_space.sequence_bytes import MEASURED, sequence_bytes
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.generate import generate
+from uavbench.scenes.structures.registry import STRUCTURES
+
+ALL = ["depth", "mask", "edges", "flow", "normals"]
+IRIS = {"kind": "iris"}
+SUN = {"kind": "outdoor", "sun_azimuth_deg": -60.0}
+ORBIT = {"kind": "orbit", "distance_m": 8.0, "height_m": 4.0, "turns": 0.02, "speed_m_s": 1.5}
+ALONG = {"kind": "girder-follow", "distance_m": 6.0, "height_m": 4.0, "stretch_m": [-9.0, -7.0], "speed_m_s": 1.0}
+RIGHT = {"name": "right", "camera": {"width": 256, "height": 192}, "mount": {"offset_m": [0.0, -0.1, 0.0]}}
+SCENES = {
+    "box": {
+        "structure": {"kind": "box"},
+        "environment": {"kind": "indoor"},
+        "flight": {"path": {"kind": "hand-pilot", "duration_s": 2.0}},
+    },
+    "bridge": {
+        "structure": {"kind": "bridge"},
+        "environment": SUN,
+        "flight": {"airframe": IRIS, "path": ALONG},
+    },
+    "building": {
+        "structure": {"kind": "building"},
+        "environment": SUN,
+        "flight": {"airframe": IRIS, "path": ORBIT},
+    },
+}
+SWITCHED_ON = {
+    "nothing": {},
+    "noise": {"effects": [{"kind": "noise"}]},
+    "all": {"annotations": ALL, "effects": [{"kind": "noise"}]},
+    "a stereo rig": {"annotations": ALL, "cameras": [RIGHT]},
+    "a view from above": {"mount": {"pitch_deg": -30.0}},
+    "a lidar": {"sensors": [{"kind": "lidar-2d", "rate_hz": 20.0}]},
+}
+CASES = [
+    *(("box", on) for on in SWITCHED_ON),
+    ("bridge", "all"),
+    ("bridge", "a stereo rig"),
+    ("building", "nothing"),
+    ("building", "a stereo rig"),
+    ("building", "a view from above"),
+]
+
+
+def spec_of(scene, **switched):
+    table = {**SCENES[scene], "camera": {"width": 256, "height": 192}, "rate_hz": 5.0, **switched}
+    suite = {"title": "bytes", "rates_hz": [1.0], "seeds": [0], "trackers": {"hold": {"kind": "hold"}}}
+    (spec,) = suite_of({**suite, "sequences": {scene: table}}, (), Path("bytes.toml")).sequences
+    return spec
+
+
+@pytest.mark.slow(seconds=30)
+@pytest.mark.parametrize(("scene", "on"), CASES)
+def test_a_sequence_takes_the_bytes_that_were_told(tmp_path, scene, on):
+    spec = spec_of(scene, **SWITCHED_ON[on])
+    generate(spec, tmp_path / "made", content_hash="of the test")
+    made = Sequence.load(tmp_path / "made")
+    seconds = len((made.folder / "flight.csv").read_text().splitlines()) / 100
+    taken = sum(path.stat().st_size for path in made.folder.rglob("*") if path.is_file())
+    assert sequence_bytes(spec, len(made), seconds) == pytest.approx(taken, rel=0.25)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_each_annotation_counts_for_each_camera(name):
+    one, two = spec_of("bridge"), spec_of("bridge", cameras=[RIGHT])
+    more = [
+        sequence_bytes(replace(spec, annotations=(name,)), 100, 1.0) - sequence_bytes(spec, 100, 1.0)
+        for spec in (one, two)
+    ]
+    assert more[0] > 0
+    assert more[1] == pytest.approx(2 * more[0])
+
+
+def test_frames_further_apart_have_more_flow_and_a_studio_less_of_an_image():
+    def flow_at(hz):
+        spec = replace(spec_of("building"), rate_hz=hz)
+        return sequence_bytes(replace(spec, annotations=("flow",)), 100, 1.0) - sequence_bytes(spec, 100, 1.0)
+
+    assert 2 * flow_at(15.0) < flow_at(1.0) < 3 * flow_at(15.0)  # measured: 2.6
+    studio = spec_of("building", environment={"kind": "studio"})
+    assert sequence_bytes(studio, 1000, 1.0) < 0.2 * sequence_bytes(spec_of("building"), 1000, 1.0)
+
+
+def test_all_structures_but_files_are_measured():
+    assert set(MEASURED) == {cls for kind, cls in STRUCTURES.items() if kind != "mesh"}
