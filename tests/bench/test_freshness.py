@@ -240,7 +240,7 @@ root = Path(sys.argv[1])
 (root / "filler").write_bytes(b"0" * 40 * 4096)
 outcome = run_graph(suite(root), ThreadPoolExecutor(1))
 outcome.tracebacks["a"] = "x" * 100_000  # more than fits
-tell(outcome, root)
+tell(outcome, root, "a.toml")
 print(sorted(outcome.failed), outcome.users_mistake, [path.name for path in root.rglob("*") if path.is_file()])
 """
 
@@ -265,13 +265,13 @@ def test_what_failed_before_is_not_told_after_a_success(tmp_path):
     from uavbench.bench.runner.commands import tell
     from uavbench.bench.runner.graph import Outcome
 
-    tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path)
+    tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path, "a.toml")
     assert "oops" in (tmp_path / "failures.txt").read_text()
-    tell(Outcome(), tmp_path)
+    tell(Outcome(), tmp_path, "a.toml")
     assert not (tmp_path / "failures.txt").exists()
     (tmp_path / "failures.txt").write_text("a user's own")
-    tell(Outcome(), tmp_path)
-    tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path)
+    tell(Outcome(), tmp_path, "a.toml")
+    tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path, "a.toml")
     assert (tmp_path / "failures.txt").read_text() == "a user's own"
 
 

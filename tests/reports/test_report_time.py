@@ -52,16 +52,17 @@ def test_a_logarithmic_axis_has_the_labels_of_matplotlibs_and_no_tick_beyond(
         for panel in (ours, plain):
             (panel.set_ylim if upright else panel.set_xlim)(10**low, 10 ** (low + width))
         assert labels(ours, upright) == labels(plain, upright)
-        if labels(ours, upright, minor=True) == set():
-            assert not len((ours.yaxis if upright else ours.xaxis).get_minorticklocs())
+        axis = ours.yaxis if upright else ours.xaxis
+        places = axis.get_minorticklocs()
+        assert any(axis.get_minor_formatter().format_ticks(places)) or not len(places)
 
 
-def labels(panel: Axes, upright: bool, minor: bool | None = None) -> set[tuple[float, str]]:
+def labels(panel: Axes, upright: bool) -> set[tuple[float, str]]:
     """Place and text of the labels in view."""
     axis = panel.yaxis if upright else panel.xaxis
     low, high = axis.get_view_interval()
     found = set()
-    for which in (False, True) if minor is None else (minor,):
+    for which in (False, True):
         places, formatter = (
             (axis.get_minorticklocs(), axis.get_minor_formatter())
             if which
