@@ -124,3 +124,17 @@ def test_a_fit_costs_its_edges_points_and_patches(flight):
     assert whole > bare + PER_EDGE * len(fitter.edges.ends) + PER_POINT * fitter.most_points
     fitter.texture.count = 0
     assert fitter.cost(1) < whole
+
+
+@pytest.mark.parametrize("evaluations", [5_000_000, 7_000_000])
+def test_poses_far_away_have_their_turn_whatever_those_near_cost(flight, evaluations):
+    """The structure is out of view, so that the search goes on, for 40 frames."""
+    poses, images = flight
+    run = started(poses[0], RobustConfig(budget=BudgetConfig(evaluations=evaluations)))
+    for i in range(3):
+        run.track(images[i], i * STEP_NS)
+    noise, begun = np.random.default_rng(0), []
+    for i in range(3, 43):
+        run.track(noise.integers(0, 255, images[0].shape).astype(np.uint8), i * STEP_NS)
+        begun.append(run.decider.relocator.next_block)
+    assert max(begun) > 5

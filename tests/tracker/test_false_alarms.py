@@ -8,7 +8,7 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.false_alarms import chance, log10_tail
+from uavbench.tracker.robust.false_alarms import Chance, chance, log10_tail
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
@@ -90,7 +90,7 @@ def repainted(log10_false_alarms):
     poses, images = flown(KNOWN + 6, seed=11)
     other, rng = Scene([box_corners()], seed=12), np.random.default_rng(2)
     config = RobustConfig()
-    loss = replace(config.loss, log10_false_alarms=log10_false_alarms, min_support=0.8)
+    loss = replace(config.loss, log10_false_alarms=log10_false_alarms, min_support=0.99)
     config = replace(config, loss=loss)
     run = Robust(config).start(box(), CAMERA, poses[0], np.random.default_rng(0))
     shown = [*images[:KNOWN], *(other.render(pose, noise_rng=rng) for pose in poses[KNOWN:])]
@@ -116,5 +116,26 @@ def test_a_wrong_pose_is_not_held_by_it(shift_m):
         run.fitter.fit(images[-1], pose, right.covariance * 4, StageClock(), 5.0)
         for pose in (right.cam_from_world, wrong)
     )
-    assert run.state.is_there(held, right)
-    assert not run.state.is_there(missed, replace(right, cam_from_world=wrong))
+    assert run.state.is_there(held, right, recent=True)
+    assert not run.state.is_there(missed, replace(right, cam_from_world=wrong), recent=True)
+
+
+@pytest.mark.parametrize(
+    ("edge_support", "log10_edges", "recent", "goes_on"),
+    [(0.6, -6.0, True, True), (0.6, -6.0, False, False), (0.4, -6.0, True, False), (0.6, -4.0, True, False)],
+)
+@pytest.mark.parametrize("was_lost", [False, True])
+def test_patches_behind_an_occluder_say_nothing_against_half_of_the_edges(
+    edge_support, log10_edges, recent, goes_on, was_lost
+):
+    """Also after a frame that was lost, as long as the last pose is recent."""
+    poses, images = flown(3, seed=11)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    for i, image in enumerate(images):
+        run.track(image, i * STEP_NS)
+    near = run.state.motion.predict(0.0, run.state.range_m, run.config.motion)
+    fit = run.fitter.fit(images[-1], near.cam_from_world, near.covariance, StageClock(), 5.0)
+    fit = replace(fit, support=0.2, edge_support=edge_support, chance=Chance(log10_edges, log10_edges))
+    run.state.is_lost = was_lost
+    assert run.state.is_there(fit, near, recent) == goes_on
+    assert run.state.holds(fit, near, searched=False, recent=recent) == goes_on

@@ -51,7 +51,7 @@ class Decider:
         first = self.state.is_first
         found = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, found.fit, clock)
-        settled = found.settled and self.state.holds(fit, frame.predicted, found.searched)
+        settled = found.settled and self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
         self.state.is_lost = not settled
         if settled and first:
             self.vouched = self.kept_initial or self.is_as_given(fit)
@@ -164,7 +164,7 @@ class Decider:
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.
         unvouched = first and not given
         searched = unvouched or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
-        enough = self.state.holds(found.fit, frame.predicted, searched)
+        enough = self.state.holds(found.fit, frame.predicted, searched, not slow)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
@@ -175,6 +175,7 @@ class Decider:
         if settled and found.advantage > (self.config.relocalization.lead if holds and not slow else 0.0):
             return Decision(found.fit, True, searched=searched)
         tracked = not first and not slow and not self.state.is_lost
-        if settled or (tracked and (holds or self.state.is_there(fit, frame.predicted))):
+        there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
+        if settled or (tracked and holds) or there:
             return Decision(fit, True, searched=unvouched)
         return Decision(found.fit, False, rivalled)

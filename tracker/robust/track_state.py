@@ -10,6 +10,9 @@ from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 
+SURE = -3.0
+"""Logarithm of the number of false alarms of edges of which half are found that a track goes on with."""
+
 
 class Tentative(NamedTuple):
     """The motion under the hypothesis of an undecided frame's best fit, and that frame's stamp."""
@@ -50,13 +53,16 @@ class TrackState:
         """The larger of a good support and a part of the usual one."""
         return max(self.config.good_support, self.config.loss.slow_part * self.usual_support)
 
-    def holds(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
-        """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt."""
+    def holds(self, fit: Fit, predicted: Motion, searched: bool, recent: bool) -> bool:
+        """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt.
+
+        recent: whether the last pose is.
+        """
         if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= 0.0:
             return False
         if self.is_first and searched and not fit.log10_false_alarms(1) < self.config.loss.log10_false_alarms:
             return False  # while no appearance is learned, straight lines of other things match whole edges
-        return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted)
+        return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted, recent)
 
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
         """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
@@ -67,11 +73,18 @@ class TrackState:
         far = unusual and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
         return max(loss.min_support, loss.far_part * self.usual_support if far or searched or self.is_lost else 0.0)
 
-    def is_there(self, fit: Fit, predicted: Motion) -> bool:
-        """Whether a track is continued because chance would not match as many edges near the prediction."""
-        if self.is_first or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
+    def is_there(self, fit: Fit, predicted: Motion, recent: bool) -> bool:
+        """Whether a track goes on near the prediction because chance would not match as many edges.
+
+        Of a recent pose (recent) half of the edges are enough, also after a few frames that were lost: patches that an
+        occluder hides say nothing against it.
+        """
+        if self.is_first or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
             return False
-        return fit.chance.edges + math.log10(HYPOTHESES) < self.config.loss.log10_false_alarms
+        loss, log10_nfa = self.config.loss, fit.chance.edges + math.log10(HYPOTHESES)
+        if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:
+            return True
+        return not self.is_lost and log10_nfa < loss.log10_false_alarms
 
     def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:
         """Predict from an undecided frame's fit, if its support is that of a correct pose."""

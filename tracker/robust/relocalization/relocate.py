@@ -39,6 +39,8 @@ FAR_VIEW_RAD, FAR_RANGE_PART, FAR_SHIFT_PART = 0.4, 0.25, 0.3
 of the image width. Limits the time of a complete search: around one guess it takes up to 60,000,000 evaluations, as
 many as 24 frames of the default budget have for it.
 """
+LEAST_PART = 0.25
+"""Part of a viewing direction's poses, the likeliest first, for which a frame must have room if it begins with it."""
 FAR_STEP_FACTOR = 2.0
 """Factor on the steps of roll and range far from a guess; the pattern search closes the gaps."""
 MOST_FITS = 64
@@ -201,6 +203,17 @@ class Relocator:
             return scored.candidates
 
         self.kept = [found for each in self.kept for found in taken(self.searcher.again(target, each))]
+        rounds = [(block, guess) for block in self.far_blocks for guess in guesses]
+
+        def farther(most: int, part: float = 1.0) -> None:
+            for block, guess in rounds[self.next_block : self.next_block + most]:
+                if until - work.done < part * self.searcher.most_of(block):
+                    return
+                self.kept += taken(self.searcher.best_of(target, guess, block, until - work.done))
+                self.next_block += 1
+
+        if self.near_done:  # else poses near the guesses would use up the budget of every frame
+            farther(1, LEAST_PART)
         near: list[Candidate] = []
         for guess in guesses:
             block = self.near_block._replace(changes=np.roll(self.near_block.changes, -self.next_change, axis=0))
@@ -215,11 +228,7 @@ class Relocator:
                 for found in taken(self.searcher.best_beside(target, near[0], side, until - work.done))[:1]
             ]
             near = sorted(near + beside, key=lambda each: -each.score)
-        rounds = [(block, guess) for block in self.far_blocks for guess in guesses]
-        while self.next_block < len(rounds) and until - work.done >= self.searcher.most_of(self.far_blocks[0]):
-            block, guess = rounds[self.next_block]
-            self.kept += taken(self.searcher.best_of(target, guess, block, until - work.done))
-            self.next_block += 1
+        farther(len(rounds))
         self.kept = sorted(self.kept, key=lambda each: -each.score)[:CANDIDATES]
         best = sorted(near + self.kept, key=lambda each: -each.score)
         for k, each in enumerate(best[:CANDIDATES]):
