@@ -4,17 +4,20 @@ import hashlib
 import heapq
 import io
 import zlib
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
+from numba import njit
 from PIL import Image
 
 from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.encoder import ENCODING, png
+from uavbench.scenes.png.equal_bytes import BITS, equal_bytes
 from uavbench.scenes.png.huffman import code_lengths
-from uavbench.scenes.png.matches import BITS, find_matches
+from uavbench.scenes.png.matches import find_matches
 
 RNG = np.random.default_rng(7)
 
@@ -100,21 +103,28 @@ def matches_by_hand(data: np.ndarray, distance: int) -> list[int]:
     return places
 
 
+@njit
+def compared(data: np.ndarray, one: int, other: int) -> np.uint64:
+    """A kernel that compares 64 bytes."""
+    return equal_bytes(data, np.uint64(one), np.uint64(other))
+
+
+@pytest.mark.parametrize("compare", [equal_bytes, compared], ids=["by numpy", "by one instruction"])
+def test_the_bits_of_a_comparison_are_in_the_order_of_the_bytes(compare: Callable[..., int]) -> None:
+    data = np.zeros(200, dtype=np.uint8)
+    data[[7, 50, 70]] = 1, 2, 3
+    assert int(compare(data, 5, 69)) == 2**BITS - 1 - (1 << 2 | 1 << 45 | 1 << 1)
+
+
 @pytest.mark.parametrize("size", [1, 2, 63, 64, 65, 127, 128, 1000])
 @pytest.mark.parametrize("distance", [1, 2, 6])
 def test_matches_are_the_longest_stretches_of_repeated_bytes(size: int, distance: int) -> None:
     for share in (0.05, 0.3, 1.0):
         data = (RNG.random(size) > share).astype(np.uint8) * RNG.integers(0, 3, size, dtype=np.uint8)
-        same, masks = (
-            np.full(size + BITS, 255, dtype=np.uint8)[: -(-size // BITS) * BITS],
-            np.zeros(99, dtype=np.uint64),
-        )
-        places = np.empty(size + 1, dtype=np.int64)
-        words = same.view(np.uint64)
+        masks, places = np.zeros(99, dtype=np.uint64), np.empty(size + 1, dtype=np.int64)
         find = getattr(find_matches, "for_python", find_matches)
-        assert places[: find(data, (0, size), distance, same, words, masks, places)].tolist() == matches_by_hand(
-            data, distance
-        )
+        count = find(data, (0, size), distance, masks, places)
+        assert places[:count].tolist() == matches_by_hand(data, distance)
 
 
 @pytest.mark.parametrize(("kind", "pixel"), [("depth", 2), ("normals", 6)])

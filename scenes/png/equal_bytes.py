@@ -1,0 +1,48 @@
+"""Comparison of 64 bytes with 64 others into the bits of a word, for which processors have instructions."""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import extending
+from numba.core import cgutils, types
+
+numba: Any = extending
+fields_of: Any = cgutils.create_struct_proxy
+BITS = 64
+"""Bits of a word."""
+
+
+def equal_bytes(data: Any, one: Any, other: Any) -> Any:
+    """Word whose bit k tells whether data[one + k] == data[other + k]; the places are of 64 bits, without a sign."""
+    same = data[int(one) : int(one) + BITS] == data[int(other) : int(other) + BITS]
+    return np.packbits(same, bitorder="little").view(np.uint64)[0]
+
+
+def _typed(context: Any, data: Any, one: Any, other: Any) -> Any:
+    """Signature of the comparison, and its code in LLVM's language: of two vectors, the results read as one number."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, *places = arguments
+        first = fields_of(signature.args[0])(context, builder, array).data
+        vector = ir.VectorType(ir.IntType(8), BITS)
+        pointers = [builder.bitcast(builder.gep(first, [place]), vector.as_pointer()) for place in places]
+        here, there = (builder.load(pointer, align=1) for pointer in pointers)
+        return builder.bitcast(builder.icmp_unsigned("==", here, there), ir.IntType(BITS))
+
+    return types.uint64(data, types.uint64, types.uint64), code
+
+
+_compare = numba.intrinsic(_typed)
+
+
+def _for_kernels(data: Any, one: Any, other: Any) -> Any:
+    """How kernels compare: no loop of numba's becomes these instructions."""
+
+    def compiled(data: Any, one: Any, other: Any) -> Any:
+        return _compare(data, one, other)
+
+    return compiled
+
+
+numba.overload(equal_bytes)(_for_kernels)
