@@ -7,10 +7,17 @@ from llvmlite import ir
 from numba import extending
 from numba.core import cgutils, types
 
+from uavbench.trajectories.kernels.compiled import compiled
+
 numba: Any = extending
 fields_of: Any = cgutils.create_struct_proxy
 BITS = 64
 """Bits of a word."""
+SINGLE = np.uint64(0x03F79D71B4CB0A89)
+"""Factor whose products with 2^0 .. 2^63 differ in their highest six bits (Leiserson, Prokop & Randall 1998)."""
+PLACES = np.zeros(BITS, dtype=np.uint8)
+"""Number of a single bit by those six bits."""
+PLACES[[(int(SINGLE) << k & 2**BITS - 1) >> 58 for k in range(BITS)]] = np.arange(BITS)
 
 
 def equal_bytes(data: Any, one: Any, other: Any) -> Any:
@@ -46,3 +53,9 @@ def _for_kernels(data: Any, one: Any, other: Any) -> Any:
 
 
 numba.overload(equal_bytes)(_for_kernels)
+
+
+@compiled
+def bit_number(single: Any) -> Any:
+    """The number of the only bit of a word that is set."""
+    return PLACES[(single * SINGLE) >> np.uint64(58)]

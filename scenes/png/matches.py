@@ -4,14 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.scenes.png.equal_bytes import BITS, equal_bytes
+from uavbench.scenes.png.equal_bytes import BITS, bit_number, equal_bytes
 from uavbench.trajectories.kernels.compiled import compiled
-
-SINGLE = np.uint64(0x03F79D71B4CB0A89)
-"""Factor whose products with 2^0 .. 2^63 differ in their highest six bits (Leiserson, Prokop & Randall 1998)."""
-PLACES = np.zeros(BITS, dtype=np.uint8)
-"""Number of a single bit by those six bits."""
-PLACES[[(int(SINGLE) << k & 2**BITS - 1) >> 58 for k in range(BITS)]] = np.arange(BITS)
 
 
 @compiled("u1 (i0 i0) i0 w1! i1!", inner=True, allocates=False)
@@ -56,7 +50,7 @@ def _list_ends(masks: Any, words: int, size: int, places: Any) -> int:
         before, last = three, within >> np.uint64(63)
         while ends != 0:
             single = ends & (~ends + one)
-            places[count] = BITS * n + int(PLACES[(single * SINGLE) >> np.uint64(58)])
+            places[count] = BITS * n + int(bit_number(single))
             count += 1
             ends ^= single
     if count % 2 == 1:

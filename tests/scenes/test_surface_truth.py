@@ -25,6 +25,7 @@ from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, LARGEST_FLOW_
 from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTruth
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.generate import generate
+from uavbench.scenes.png.filters import UP
 from uavbench.scenes.renderables import Mover
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
@@ -328,14 +329,16 @@ def test_the_rows_of_normals_are_the_formula_on_random_facets() -> None:
     scene, pose = random_scene(rng), Pose(rotation_exp(rng.normal(size=(1, 3)))[0], rng.normal(size=3))
     rows = np.repeat(np.repeat(scene["rows"][::4, ::5], 4, axis=0), 5, axis=1)  # runs, in the rows below, too
     rows[rng.random(SIZE) < 0.1] = -1
-    out = np.empty((SIZE[0], 6 * SIZE[1]), dtype=np.uint8)
-    normal_rows(rows.astype(np.int32), scene["corners"], np.ascontiguousarray(pose.matrix[:3]), out)
+    out, codes = np.full((SIZE[0], 1 + 6 * SIZE[1]), 99, dtype=np.uint8), np.zeros(len(scene["corners"]) + 1, np.uint64)
+    normal_rows(rows.astype(np.int32), scene["corners"], np.ascontiguousarray(pose.matrix[:3]), codes, out)
+    assert (out[:, 0] == UP).all()
+    unfiltered = np.ascontiguousarray(np.cumsum(out[:, 1:], axis=0, dtype=np.uint8))
     normals = np.cross(*np.moveaxis(np.diff(scene["corners"] @ pose.rotation.T, axis=1), 1, 0))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals *= -np.sign(np.einsum("ij,ij->i", normals, pose.transform(scene["corners"][:, 0])))[:, None]
     expected = np.rint((normals[rows] + 1) / 2 * 65535)
     expected[rows < 0] = 0
-    assert np.array_equal(out.view(">u2").reshape(*SIZE, 3), expected)
+    assert np.array_equal(unfiltered.view(">u2").reshape(*SIZE, 3), expected)
 
 
 @pytest.mark.parametrize("with_lens", [False, True])

@@ -18,7 +18,7 @@ from uavbench.scenes.dataset.surfaces.flow_kernels import Lens, Motions, RowScra
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
-from uavbench.scenes.png.encoder import png, png_of_rows
+from uavbench.scenes.png.encoder import png, png_of_filtered, png_of_rows
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
 from uavbench.scenes.rendering.facets import NONE
@@ -93,10 +93,14 @@ class SurfaceTruth:
         return Geometry(depths.astype(np.float32), instances)
 
     def normals(self, view: SurfaceView) -> NDArray[np.uint8]:
-        """Rows (h, 6 w) of a file of normals in the camera's frame, towards the camera; 0 where there is no surface."""
-        out = np.empty((self._size[0], 6 * self._size[1]), dtype=np.uint8)
+        """Filtered rows (h, 1 + 6 w) of a file of normals in the camera's frame, towards the camera: see `normal_rows`.
+
+        0 where there is no surface.
+        """
+        out = np.empty((self._size[0], 1 + 6 * self._size[1]), dtype=np.uint8)
         corners = self._facets(view).corners
-        normal_rows(view.shown.rows, corners, np.ascontiguousarray(view.cam_from_world.matrix[:3]), out)
+        codes = np.zeros(len(corners) + 1, dtype=np.uint64)
+        normal_rows(view.shown.rows, corners, np.ascontiguousarray(view.cam_from_world.matrix[:3]), codes, out)
         return out
 
     def flow(self, view: SurfaceView, later: SurfaceView) -> FlowTruth:
@@ -187,9 +191,9 @@ class SurfaceFiles:
         return self._truth.geometry(view) if {"depth", "mask"} & self.annotations else None
 
 
-def write_normals(folder: Path, frame: int, rows: NDArray[np.uint8]) -> None:
-    """Write `normals/NNNNNN.png` from its rows (h, 6 w)."""
-    _write(folder / "normals" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
+def write_normals(folder: Path, frame: int, filtered: NDArray[np.uint8]) -> None:
+    """Write `normals/NNNNNN.png` from its filtered rows (h, 1 + 6 w)."""
+    _write(folder / "normals" / f"{frame:06d}.png", png_of_filtered(filtered, filtered.shape[1] // 6, smooth=True))
 
 
 def write_flow(folder: Path, frame: int, rows: NDArray[np.uint8], occlusion: NDArray[np.uint8]) -> None:
