@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.scenes.dataset.surfaces.surface_files import NORMAL_UNITS
 from uavbench.scenes.png.equal_bytes import BITS, bit_number, equal_bytes
 from uavbench.scenes.png.filters import UP
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 
 BYTES = 6
 """Bytes of a pixel in these files: three numbers of 16 bits."""
@@ -69,7 +69,7 @@ def _clear(out: Any) -> None:
         out[k] = 0
 
 
-@compiled
+@inlined
 def _put(corners: Any, facet: Any, above: Any, cam_from_world: Any, codes: Any, out: Any, at: Any) -> None:
     """The residuals (6,) of the normal of a facet against that of another; -1 for none, whose bytes are 0."""
     here = _code(corners, np.int64(facet), cam_from_world, codes)
@@ -79,7 +79,7 @@ def _put(corners: Any, facet: Any, above: Any, cam_from_world: Any, codes: Any, 
         out[at + k] = np.uint8(residuals >> (k << np.uint64(3)))
 
 
-@compiled
+@inlined
 def _code(corners: Any, row: Any, cam_from_world: Any, codes: Any) -> Any:
     """The bytes of the normal of a facet, or of none, the first one lowest, in a word with the bit KNOWN."""
     place = np.uint64(row + 1)

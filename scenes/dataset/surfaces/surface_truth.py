@@ -105,7 +105,8 @@ class SurfaceTruth:
 
     def flow(self, view: SurfaceView, later: SurfaceView) -> FlowTruth:
         """Flow from one view to a later one, and occlusion there."""
-        motions = Motions(self._renderer.facets.mover_of, self._motions(view, later))
+        drawn = self._renderer.facets
+        motions = Motions(drawn.mover_of, self._motions(view, later), drawn.moving)
         height, width = self._size
         out = FlowTruth(np.empty((height, 6 * width), dtype=np.uint8), np.full(self._size, SEEN, dtype=np.uint8))
         if self._widest < np.inf:
