@@ -61,6 +61,5 @@ class Facets:
         return cls(first, all_corners, instances, movers, mover_of, moving, has_sky)
 
     def steps(self, from_s: float, to_s: float) -> list[Pose]:
-        """Motion in the world from one time to another, in seconds, of what rests and of each mover: see `mover_of`."""
-        moved = [mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse() for _, mover in self.movers]
-        return [Pose.identity(), *moved]
+        """Motion in the world from one time to another, in seconds, of each mover."""
+        return [mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse() for _, mover in self.movers]

@@ -150,7 +150,7 @@ def carry(shown: Any, motions: Any, i: int, scratch: Any) -> None:
         places[0, j], places[1, j] = shown.places[i, j, 0], shown.places[i, j, 1]
     for axis in range(3):
         _carry_axis(motions.camera_from_place[0, axis], places[0], places[1], near, points[axis])
-    if _any_between(shown.rows[i], motions.moving[0], motions.moving[1]):
+    if any_between(shown.rows[i], motions.moving[0], motions.moving[1]):
         _carry_movers(shown.rows[i], motions, near, places, points)
 
 
@@ -162,9 +162,9 @@ def _carry_axis(a: Any, u: Any, v: Any, near: Any, out: Any) -> None:
         out[j] = first * u[j] + second * v[j] + rest + by_nearness * near[j]
 
 
-@compiled
-def _any_between(rows: Any, first: int, beyond: int) -> bool:
-    """Whether any of the facets (w,) is from a first one on, and before another."""
+@compiled("j1 i0 i0", allocates=False)
+def any_between(rows: Any, first: int, beyond: int) -> bool:
+    """Whether any of the facets (n,) is from a first one on, and before another."""
     low, high, found = np.int32(first), np.int32(beyond), np.int32(0)
     for j in range(rows.size):
         found |= np.int32((rows[j] >= low) & (rows[j] < high))
