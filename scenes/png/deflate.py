@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.png.equal_bytes import BITS
 from uavbench.scenes.png.huffman import code_lengths, codes
 from uavbench.scenes.png.matches import find_matches
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.equal_bytes import BITS
 
 BLOCK = 1 << 17
 """Input bytes per block, some 68 rows of 640 x 3 bytes; the header with its codes takes 45 to 160 bytes."""

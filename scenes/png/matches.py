@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.scenes.png.equal_bytes import BITS, bit_number, equal_bytes
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.equal_bytes import BITS, bit_number, equal_bytes
 
 
 @compiled("u1 (i0 i0) i0 w1! i1!", inner=True, allocates=False)

@@ -4,18 +4,15 @@ import hashlib
 import heapq
 import io
 import zlib
-from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
-from numba import njit
 from PIL import Image
 
 from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.encoder import ENCODING, png
-from uavbench.scenes.png.equal_bytes import BITS, equal_bytes
 from uavbench.scenes.png.huffman import code_lengths
 from uavbench.scenes.png.matches import find_matches
 
@@ -101,19 +98,6 @@ def matches_by_hand(data: np.ndarray, distance: int) -> list[int]:
         places += [k, end] if end - k >= 3 else []
         k = max(end, k + 1)
     return places
-
-
-@njit
-def compared(data: np.ndarray, one: int, other: int) -> np.uint64:
-    """A kernel that compares 64 bytes."""
-    return equal_bytes(data, np.uint64(one), np.uint64(other))
-
-
-@pytest.mark.parametrize("compare", [equal_bytes, compared], ids=["by numpy", "by one instruction"])
-def test_the_bits_of_a_comparison_are_in_the_order_of_the_bytes(compare: Callable[..., int]) -> None:
-    data = np.zeros(200, dtype=np.uint8)
-    data[[7, 50, 70]] = 1, 2, 3
-    assert int(compare(data, 5, 69)) == 2**BITS - 1 - (1 << 2 | 1 << 45 | 1 << 1)
 
 
 @pytest.mark.parametrize("size", [1, 2, 63, 64, 65, 127, 128, 1000])

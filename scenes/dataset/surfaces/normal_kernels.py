@@ -5,16 +5,12 @@ from typing import Any
 import numpy as np
 
 from uavbench.scenes.dataset.surfaces.surface_files import NORMAL_UNITS
-from uavbench.scenes.png.equal_bytes import BITS, bit_number, equal_bytes
 from uavbench.scenes.png.filters import UP
 from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, bit_number, unlike
 
 BYTES = 6
 """Bytes of a pixel in these files: three numbers of 16 bits."""
-AT_ONCE = BITS // 4
-"""Facets, numbers of 32 bits, that are compared at once with those of the row above."""
-LOWEST = np.uint64(0x1111111111111111)
-"""Lowest bit of each four."""
 KNOWN = np.uint64(1 << 63)
 """Bit of words that are known, above their bytes."""
 HIGHEST = np.uint64(0x8080808080808080)
@@ -40,26 +36,12 @@ def normal_rows(rows: Any, corners: Any, cam_from_world: Any, codes: Any, out: A
     for i in range(1, h):
         for first in range(0, w, AT_ONCE):
             here = np.uint64(4 * (i * w + first))
-            others = _others(data, here, here - stride, min(w - first, AT_ONCE))
+            others = unlike(data, here, here - stride, min(w - first, AT_ONCE))
             while others != 0:
                 single = others & (~others + np.uint64(1))
                 others ^= single
                 u: Any = first + (np.int64(bit_number(single)) >> 2)
                 _put(corners, rows[i, u], rows[i - 1, u], cam_from_world, codes, out[i], np.uint64(1 + BYTES * u))
-
-
-@compiled
-def _others(data: Any, here: Any, above: Any, count: int) -> Any:
-    """Word whose bit 4 k tells whether the facets k after two places in the bytes of all are not the same."""
-    if count == AT_ONCE:
-        other = ~equal_bytes(data, here, above)
-        other |= other >> np.uint64(2)
-        return (other | (other >> np.uint64(1))) & LOWEST
-    word = np.uint64(0)
-    for k in range(np.uint64(4 * count)):
-        if data[here + k] != data[above + k]:
-            word |= np.uint64(1) << (k & ~np.uint64(3))
-    return word
 
 
 @compiled

@@ -49,11 +49,11 @@ class Outlines:
         self._instance = np.concatenate([[0], facets.instances]).astype(np.uint8)
         self._moment: Moment | None = None
 
-    def image(self, color: NDArray[np.uint8], numbers: NDArray[np.float32], moment: Moment) -> NDArray[np.uint8]:
-        """Antialiased image (h, w, 3) BGR of what was rendered at pixel centres, see `antialias`."""
+    def image(self, color: NDArray[np.uint8], rows: NDArray[np.int32], moment: Moment) -> NDArray[np.uint8]:
+        """Antialiased image (h, w, 3) BGR of the colours and facets rendered at pixel centres, see `antialias`."""
         table = self.table(moment)
         out = np.asarray(cv2.flip(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), 0), dtype=np.uint8)
-        antialias(color, numbers, table, self._seen, BorderRows.of(*color.shape[:2]), out)
+        antialias(color, rows, table, self._seen, BorderRows.of(*color.shape[:2]), out)
         return out
 
     def table(self, moment: Moment) -> FacetTable:

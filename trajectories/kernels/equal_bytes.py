@@ -7,12 +7,16 @@ from llvmlite import ir
 from numba import extending
 from numba.core import cgutils, types
 
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 
 numba: Any = extending
 fields_of: Any = cgutils.create_struct_proxy
 BITS = 64
 """Bits of a word."""
+AT_ONCE = BITS // 4
+"""Numbers of 32 bits that are compared at once."""
+LOWEST = np.uint64(0x1111111111111111)
+"""Lowest bit of each four."""
 SINGLE = np.uint64(0x03F79D71B4CB0A89)
 """Factor whose products with 2^0 .. 2^63 differ in their highest six bits (Leiserson, Prokop & Randall 1998)."""
 PLACES = np.zeros(BITS, dtype=np.uint8)
@@ -59,3 +63,17 @@ numba.overload(equal_bytes)(_for_kernels)
 def bit_number(single: Any) -> Any:
     """The number of the only bit of a word that is set."""
     return PLACES[(single * SINGLE) >> np.uint64(58)]
+
+
+@inlined
+def unlike(data: Any, one: Any, other: Any, count: int) -> Any:
+    """Word whose bit 4 k tells whether the numbers of 32 bits k after two places in bytes differ, of up to AT_ONCE."""
+    if count == AT_ONCE:
+        differ = ~equal_bytes(data, one, other)
+        differ |= differ >> np.uint64(2)
+        return (differ | (differ >> np.uint64(1))) & LOWEST
+    word = np.uint64(0)
+    for k in range(np.uint64(4 * count)):
+        if data[one + k] != data[other + k]:
+            word |= np.uint64(1) << (k & ~np.uint64(3))
+    return word
