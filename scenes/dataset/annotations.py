@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.edges.sample_kernels import clip_edges, places_beside, project, sample_edges, see
+from uavbench.scenes.dataset.edges.sample_kernels import (
+    clip_edges,
+    join_seen,
+    places_beside,
+    project,
+    sample_edges,
+    see,
+)
 from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Sequence
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
@@ -113,12 +120,8 @@ def _stretches(
     which: NDArray[np.int64], share: Array, pixels: Array, seen: NDArray[np.bool_], contrast: Array
 ) -> Array:
     """Runs of at least two visible samples of one edge, as rows of EDGE_COLUMNS."""
-    joined = seen[1:] & seen[:-1] & (which[1:] == which[:-1])
-    starts = np.flatnonzero(joined & ~np.concatenate([[False], joined[:-1]]))
-    stops = np.flatnonzero(joined & ~np.concatenate([joined[1:], [False]])) + 1
-    total = np.concatenate([[0.0], np.cumsum(contrast)])
-    mean = (total[stops + 1] - total[starts]) / (stops + 1 - starts)
-    return np.column_stack([which[starts], pixels[starts], pixels[stops], share[stops] - share[starts], mean])
+    parts = np.empty((len(which) // 2, len(EDGE_COLUMNS)))
+    return parts[: join_seen(which, share, pixels, seen, contrast, parts)]
 
 
 def row_poses(source: CameraSimulator, world_from_body: Callable[[int], Pose], stamp_ns: int) -> Array:

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uavbench.scenes.png.huffman import code_lengths, codes
-from uavbench.scenes.png.matches import BITS, find_matches
+from uavbench.scenes.png.matches import find_matches
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.equal_bytes import BITS
 
 BLOCK = 1 << 17
 """Input bytes per block, some 68 rows of 640 x 3 bytes; the header with its codes takes 45 to 160 bytes."""
@@ -33,6 +34,24 @@ def room_words(size: int) -> int:
     return size * (CODE_BITS + 1) // 64 + blocks * (SYMBOLS * META_BITS // 64 + 4) + 2
 
 
+def _extra(length: int) -> int:
+    """Number of extra bits of the length of a match (section 3.2.5)."""
+    return 0 if length == LONGEST else max((length - SHORTEST).bit_length() - 3, 0)
+
+
+def _symbol(length: int) -> int:
+    """Symbol of the length of a match (section 3.2.5)."""
+    extra = _extra(length)
+    return END + 1 + (28 if length == LONGEST else 4 * extra + ((length - SHORTEST) >> extra))
+
+
+LENGTHS = range(SHORTEST, LONGEST + 1)
+EXTRA = np.array([0] * SHORTEST + [_extra(length) for length in LENGTHS], dtype=np.int64)
+"""Number of extra bits of each length of a match."""
+SYMBOL_OF = np.array([*range(END + SHORTEST), *map(_symbol, LENGTHS)], dtype=np.int64)
+"""Symbol of each token."""
+
+
 @compiled("u1 i0 w1!")
 def deflate(data: Any, distance: int, out: Any) -> int:
     """Compress data (n,) of bytes into out (room_words,), least significant bit first; returns the number of bits.
@@ -40,7 +59,6 @@ def deflate(data: Any, distance: int, out: Any) -> int:
     Bytes that are like those a distance before, 1 to MOST_DISTANT, are replaced by their number.
     """
     tokens, tallies = np.empty(BLOCK + AT_ONCE, dtype=np.uint16), np.empty((4, TOKENS), dtype=np.int64)
-    same = np.empty(BLOCK + BITS, dtype=np.uint8)
     masks, places = np.empty(BLOCK // BITS + 1, dtype=np.uint64), np.empty(BLOCK, dtype=np.int64)
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
@@ -48,7 +66,7 @@ def deflate(data: Any, distance: int, out: Any) -> int:
     at = 0
     for start in range(0, data.size, BLOCK):
         stop = min(start + BLOCK, data.size)
-        found = find_matches(data, (start, stop), distance, same, same.view(np.uint64), masks, places)
+        found = find_matches(data, (start, stop), distance, masks, places)
         number = _tokens(data, start, stop, places[:found], tokens)
         _count(tokens[:number], tallies, counts)
         code_lengths(counts, CODE_BITS, lengths)
@@ -123,9 +141,7 @@ def _count(tokens: Any, tallies: Any, counts: Any) -> None:
         tallies[0, tokens[i]] += 1
     counts[:] = 0
     for token in range(TOKENS):
-        symbol = token if token < END + SHORTEST else _symbol(token - END)
-        for k in range(4):
-            counts[symbol] += tallies[k, token]
+        counts[SYMBOL_OF[token]] += tallies[0, token] + tallies[1, token] + tallies[2, token] + tallies[3, token]
     counts[END] = 1
 
 
@@ -146,27 +162,11 @@ def _distance(distance: int) -> Distance:
 
 
 @compiled
-def _extra(length: int) -> int:
-    """Number of extra bits of the length of a match (section 3.2.5)."""
-    extra = 0
-    while length < LONGEST and (length - SHORTEST) >> (extra + 3):
-        extra += 1
-    return extra
-
-
-@compiled
-def _symbol(length: int) -> int:
-    """Symbol of the length of a match (section 3.2.5)."""
-    extra = _extra(length)
-    return END + 1 + (28 if length == LONGEST else 4 * extra + ((length - SHORTEST) >> extra))
-
-
-@compiled
 def _stream_words(lengths: Any, symbol_codes: Any, distance: Any, words: Any, bits: Any) -> None:
     """Bit pattern and length of each token: for a match its code, its extra bits, and a 0 and those of the distance."""
     words[: END + 1], bits[: END + 1] = symbol_codes[: END + 1], lengths[: END + 1]
     for length in range(SHORTEST, LONGEST + 1):
-        symbol, extra = _symbol(length), _extra(length)
+        symbol, extra = SYMBOL_OF[END + length], EXTRA[length]
         rest = ((length - SHORTEST) & ((1 << extra) - 1)) | (distance.rest << (extra + 1))
         words[END + length] = symbol_codes[symbol] | (np.uint64(rest) << np.uint64(lengths[symbol]))
         bits[END + length] = lengths[symbol] + extra + 1 + distance.extra
@@ -208,29 +208,30 @@ def _put(out: Any, at: int, word: int, count: int) -> int:
 
 
 @compiled("w1! i0 h1 w1 i1", inner=True, allocates=False)
-def _put_tokens(out: Any, at: int, tokens: Any, words: Any, bits: Any) -> int:
+def _put_tokens(out: Any, at: Any, tokens: Any, words: Any, bits: Any) -> Any:
     """Write the bit patterns of all tokens, as `_put` with the current output word buffered; returns the next bit.
 
-    Three at once, which have at most 63 bits: a word is full less often than not, which is predicted.
+    Three at once, which have at most 63 bits; and without a branch for a full word, which would often be mispredicted.
     """
-    k, fill = at >> 6, at & 63
+    k, fill = np.uint64(at >> 6), np.uint64(at & 63)
     buffer = out[k] if fill else np.uint64(0)
     whole = tokens.size - tokens.size % 3
-    for i in range(0, whole, 3):
-        first, second, third = tokens[i], tokens[i + 1], tokens[i + 2]
-        count = bits[first] + bits[second]
-        word = words[first] | (words[second] << np.uint64(bits[first])) | (words[third] << np.uint64(count))
-        count += bits[third]
-        buffer |= word << np.uint64(fill)
+    for i in range(np.uint64(0), np.uint64(whole), np.uint64(3)):
+        first, second, third = tokens[i], tokens[i + np.uint64(1)], tokens[i + np.uint64(2)]
+        one, two = np.uint64(bits[first]), np.uint64(bits[second])
+        count = one + two
+        word = words[first] | (words[second] << one) | (words[third] << count)
+        count += np.uint64(bits[third])
+        out[k] = buffer | (word << fill)
+        after = (word >> np.uint64(1)) >> (np.uint64(63) - fill)
         fill += count
-        if fill >= 64:
-            out[k] = buffer
-            k += 1
-            fill -= 64
-            buffer = word >> np.uint64(count - fill)
+        full = fill >> np.uint64(6)
+        buffer = after if full else out[k]
+        k += full
+        fill &= np.uint64(63)
     if fill:
         out[k] = buffer
-    at = 64 * k + fill
+    at = np.int64(np.uint64(64) * k + fill)
     for i in range(whole, tokens.size):
         at = _put(out, at, words[tokens[i]], bits[tokens[i]])
     return at

@@ -36,11 +36,16 @@ def png(image: NDArray[Any], *, smooth: bool = False) -> bytes:
 
 def png_of_rows(rows: NDArray[np.uint8], width: int, *, smooth: bool = False) -> bytes:
     """PNG file of rows (h, n) of 1, 2, 3 or 6 bytes a pixel: grey or RGB of 8 or 16 bits, the higher byte first."""
-    h, n = rows.shape
-    pixel = n // width
+    filtered = _filtered(len(rows), rows.shape[1] + 1)
+    filter_rows(rows, rows.shape[1] // width, UP if smooth else AVERAGE, filtered)
+    return png_of_filtered(filtered, width, smooth=smooth)
+
+
+def png_of_filtered(filtered: NDArray[np.uint8], width: int, *, smooth: bool = False) -> bytes:
+    """The file of `png_of_rows` of rows (h, 1 + n) that are filtered, by UP if they are smooth: see `filter_rows`."""
+    h, pixel = len(filtered), (filtered.shape[1] - 1) // width
     wide, color = (pixel // 3, RGB) if pixel % 3 == 0 else (pixel, GREY)
-    filtered, stream = _room(h, n + 1)
-    filter_rows(rows, pixel, UP if smooth else AVERAGE, filtered)
+    stream = _stream(filtered.size)
     size = -(-deflate(filtered.reshape(-1), pixel if smooth else 1, stream) // 8)
     packed = stream.astype("<u8", copy=False).view(np.uint8)[:size]
     head = struct.pack(">IIBBBBB", width, h, 8 * wide, color, 0, 0, 0)
@@ -50,9 +55,15 @@ def png_of_rows(rows: NDArray[np.uint8], width: int, *, smooth: bool = False) ->
 
 
 @lru_cache(maxsize=4)
-def _room(rows: int, columns: int) -> tuple[NDArray[np.uint8], NDArray[np.uint64]]:
-    """Buffers of filtered rows and of the stream, reused between images: allocation takes as long as filtering."""
-    return np.empty((rows, columns), dtype=np.uint8), np.empty(room_words(rows * columns), dtype=np.uint64)
+def _filtered(rows: int, columns: int) -> NDArray[np.uint8]:
+    """Buffer of filtered rows, reused between images: allocation takes as long as filtering."""
+    return np.empty((rows, columns), dtype=np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _stream(size: int) -> NDArray[np.uint64]:
+    """Buffer of the stream of so many bytes, reused between images."""
+    return np.empty(room_words(size), dtype=np.uint64)
 
 
 def _chunk(kind: bytes, *data: Any) -> list[Any]:

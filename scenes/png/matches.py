@@ -5,46 +5,36 @@ from typing import Any
 import numpy as np
 
 from uavbench.trajectories.kernels.compiled import compiled
-
-BITS = 64
-"""Bits of a word."""
-PACK = np.uint64(0x0102040810204080)
-"""Factor that moves the lowest bit of each of eight bytes, the others 0, to the highest byte, in their order."""
-SINGLE = np.uint64(0x03F79D71B4CB0A89)
-"""Factor whose products with 2^0 .. 2^63 differ in their highest six bits (Leiserson, Prokop & Randall 1998)."""
-PLACES = np.zeros(BITS, dtype=np.uint8)
-"""Number of a single bit by those six bits."""
-PLACES[[(int(SINGLE) << k & 2**BITS - 1) >> 58 for k in range(BITS)]] = np.arange(BITS)
+from uavbench.trajectories.kernels.equal_bytes import BITS, bit_number, equal_bytes
 
 
-@compiled("u1 (i0 i0) i0 u1! w1 w1! i1!", inner=True, allocates=False)
-def find_matches(data: Any, part: Any, distance: int, same: Any, eights: Any, masks: Any, places: Any) -> int:
+@compiled("u1 (i0 i0) i0 w1! i1!", inner=True, allocates=False)
+def find_matches(data: Any, part: Any, distance: int, masks: Any, places: Any) -> int:
     """List where the longest stretches of at least three bytes like those a distance before begin and end.
 
     places: begin and end, one after the other, from the start of the part (start, stop) of data; returns their number.
-    same, eights: scratch of whole words of BITS bytes for the part, and the same in 64-bit words; masks: scratch of a
-    word for each BITS bytes, and one more.
+    masks: scratch of a word for each BITS bytes of the part, and one more.
     """
     start, stop = part
-    size = stop - start
-    words, first = -(-size // BITS), min(max(distance - start, 0), size)
-    same[:first] = 0
-    _compare(data[start + first : stop], data[start + first - distance : stop - distance], same[first:size])
-    same[size : BITS * words] = 0
+    words = -(-(stop - start) // BITS)
     for n in range(words):
-        word = np.uint64(0)
-        for k in range(8):
-            word |= ((eights[8 * n + k] * PACK) >> np.uint64(56)) << np.uint64(8 * k)
-        masks[n] = word
+        first = start + BITS * n
+        if first >= distance and first + BITS <= stop:
+            masks[n] = equal_bytes(data, np.uint64(first), np.uint64(first - distance))
+        else:
+            masks[n] = _some_equal(data, first, min(first + BITS, stop), distance)
     masks[words] = 0
-    return _list_ends(masks, words, size, places)
+    return _list_ends(masks, words, stop - start, places)
 
 
 @compiled
-def _compare(one: Any, other: Any, same: Any) -> None:
-    """Whether bytes (n,) are the same."""
-    for k in range(same.size):
-        same[k] = np.uint8(one[k] == other[k])
+def _some_equal(data: Any, begin: int, end: int, distance: int) -> Any:
+    """The same of fewer bytes, or of those that have none a distance before them, which are like none."""
+    word = np.uint64(0)
+    for k in range(begin, end):
+        if k >= distance and data[k] == data[k - distance]:
+            word |= np.uint64(1) << np.uint64(k - begin)
+    return word
 
 
 @compiled
@@ -60,7 +50,7 @@ def _list_ends(masks: Any, words: int, size: int, places: Any) -> int:
         before, last = three, within >> np.uint64(63)
         while ends != 0:
             single = ends & (~ends + one)
-            places[count] = BITS * n + int(PLACES[(single * SINGLE) >> np.uint64(58)])
+            places[count] = BITS * n + int(bit_number(single))
             count += 1
             ends ^= single
     if count % 2 == 1:

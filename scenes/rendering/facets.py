@@ -28,7 +28,8 @@ class Facets:
 
     first (m,): row of the first triangle of each mesh; corners_m (n, 3, 3) in the frame of the part, which is the world
     for static parts; instances (n,) of their parts; movers: rows and motion of each moving mesh; mover_of (n,): which
-    of them a facet belongs to, counted from 1, 0 for none; has_sky: whether the background is a sky.
+    of them a facet belongs to, counted from 1, 0 for none; moving (2,): the first facet that moves, and the one after
+    the last; has_sky: whether the background is a sky.
     """
 
     first: Rows
@@ -36,6 +37,7 @@ class Facets:
     instances: NDArray[np.uint8]
     movers: tuple[tuple[slice, Mover], ...]
     mover_of: Rows
+    moving: Rows
     has_sky: bool
 
     @classmethod
@@ -53,9 +55,11 @@ class Facets:
         mover_of = np.zeros(len(instances), dtype=np.int64)
         for number, (rows, _) in enumerate(movers, 1):
             mover_of[rows] = number
-        return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), instances, movers, mover_of, has_sky)
+        any_moving = np.flatnonzero(mover_of)
+        moving = np.array([any_moving[0], any_moving[-1] + 1] if len(any_moving) else [0, 0], dtype=np.int64)
+        all_corners = np.concatenate([np.zeros((0, 3, 3)), *corners])
+        return cls(first, all_corners, instances, movers, mover_of, moving, has_sky)
 
     def steps(self, from_s: float, to_s: float) -> list[Pose]:
-        """Motion in the world from one time to another, in seconds, of what rests and of each mover: see `mover_of`."""
-        moved = [mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse() for _, mover in self.movers]
-        return [Pose.identity(), *moved]
+        """Motion in the world from one time to another, in seconds, of each mover."""
+        return [mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse() for _, mover in self.movers]

@@ -81,6 +81,7 @@ class Renderer:
         self._target = Target(GL, width, height, numbered=True)
         self._color = np.empty((height, width, 4), dtype=np.uint8)
         self._numbers = np.empty((height, width, 2), dtype=np.float32)
+        self._rows = np.empty((height, width), dtype=np.int32)
         self._seen: Moment | None = None
         self._no_vertices = GL.glGenVertexArrays(1)
         self._depth = self._programs(shaders.DEPTH)
@@ -116,8 +117,8 @@ class Renderer:
         self._draw(view_projection, eye, time_s)
         self._read(0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, self._color)
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
-        self._seen = Moment(cam_from_world, camera, time_s)
-        return self._outlines.image(self._color, self._numbers, self._seen)
+        self._seen, self._rows = Moment(cam_from_world, camera, time_s), self._outlines.rows(self._numbers)
+        return self._outlines.image(self._color, self._rows, self._seen)
 
     def _draw(self, view_projection: Array, eye: Array, time_s: float, into: Mirror | None = None) -> None:
         """Draw all meshes, then the sky, into a mirror or the image; water is not mirrored."""
@@ -159,7 +160,7 @@ class Renderer:
     def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int32]:
         """Rows (h, w) of `facets` visible at the pixel centres; NONE for background or sky."""
         self._look_at(cam_from_world, camera, time_s)
-        return self._outlines.rows(self._numbers)
+        return self._rows
 
     def facet_table(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> FacetTable:
         """The `facets` as they are in view; valid until the next image or table of another view."""
@@ -182,7 +183,7 @@ class Renderer:
             program.number("first_facet", first + 1.0)
             mesh.draw()
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
-        self._seen = moment
+        self._seen, self._rows = moment, self._outlines.rows(self._numbers)
 
     def nearest_m(self, eye: Array) -> float:
         """Lower bound of the distance in metres from a point (3,) in the world to all static parts."""

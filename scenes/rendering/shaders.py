@@ -230,7 +230,7 @@ uniform sampler2D surface;
 void main() {
     vec3 d = normalize(ray);
     vec2 at = vec2(atan(d.y, d.x) / 6.28318530718 + 0.5, 1.0 - acos(d.z) / 3.14159265359);
-    color = vec4(textureLod(surface, at, 0.0).rgb, 1.0);
+    color = vec4(texture(surface, at).rgb, 1.0);  // of one size, which no derivative is needed for
     depth_and_facet = vec2(0.0);
 }
 """

@@ -70,6 +70,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),
         *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman", "matches")),
         _target("scenes/png/encoder.py", "scenes/test_png"),
+        _target("trajectories/kernels/equal_bytes.py", "trajectories/test_equal_bytes"),
         _target("trajectories/trajectory_files/formats.py", "trajectories/test_formats"),
         _target("trajectories/trajectory_files/covariances.py", "trajectories/test_covariances"),
     ),
@@ -87,7 +88,15 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("trajectories/sensors/satellites.py", "trajectories/test_gnss", "trajectories/test_sensors"),
         _target("scenes/dataset/surfaces/surface_truth.py", "scenes/test_surface_truth"),
-        _target("scenes/dataset/surfaces/flow_kernels.py", "scenes/test_surface_files", "scenes/test_surface_truth"),
+        *(
+            _target(
+                f"scenes/dataset/surfaces/{name}_kernels.py", "scenes/test_surface_files", "scenes/test_surface_truth"
+            )
+            for name in ("flow", "normal", "trace")
+        ),
+        _target(
+            "scenes/rendering/antialiasing/facet_table.py", "scenes/test_surface_files", "scenes/test_surface_truth"
+        ),
         *(
             _target(f"tracker/fusion/{name}.py", "tracker/test_fusion_measurements", "tracker/test_fusion")
             for name in ("measurements", "vehicle_filter")

@@ -8,7 +8,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.primitives.meshes import panel
 from uavbench.scenes.renderables import Light, Mover, Part
 from uavbench.scenes.rendering import context as gl
-from uavbench.scenes.rendering.antialiasing.border_kernels import number_planes
+from uavbench.scenes.rendering.antialiasing.border_kernels import find_smooth, number_planes
 from uavbench.scenes.rendering.antialiasing.outlines import opposite_facets
 from uavbench.scenes.rendering.radiance import RENDERED, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
@@ -92,6 +92,23 @@ def test_facets_of_one_plane_have_one_number() -> None:
     between = np.array([[-1, -1, 1], [-1, 2, 0], [-1, -1, 1]])
     number_planes(folded, between, plane[:3])
     assert plane[:3].tolist() == [0, 1, 2]
+
+
+def test_a_facet_goes_on_in_the_other_half_of_its_face_and_where_it_hardly_bends() -> None:
+    box = white_box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
+    corners = box.vertices[box.triangles]
+    opposite, smooth = opposite_facets(corners, np.zeros(12, dtype=np.int64)), np.empty((12, 3), dtype=np.int64)
+    find_smooth(corners, opposite, smooth)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for row in range(12):
+        (other,) = smooth[row][smooth[row] >= 0]
+        assert other != row
+        assert normals[other] @ normals[row] > 0.0
+    for angle_rad, goes_on in ((0.04, True), (0.05, False)):  # the cosines are 0.9992 and 0.9988
+        bent = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [0, -1, 0], [1, 0, 0]]], dtype=np.float64)
+        bent[1, 1] = [0, -np.cos(angle_rad), np.sin(angle_rad)]
+        find_smooth(bent, np.array([[-1, -1, 1], [-1, 0, -1]]), smooth[:2])
+        assert smooth[:2].tolist() == ([[-1, -1, 1], [-1, 0, -1]] if goes_on else [[-1] * 3] * 2)
 
 
 def test_an_error_of_a_call_that_is_not_checked_is_raised_by_the_next_that_is() -> None:

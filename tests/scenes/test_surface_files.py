@@ -33,8 +33,8 @@ def test_normals_are_rounded_to_units_and_none_is_zero(tmp_path: Path) -> None:
     normals[:6] = [*np.eye(3), *-np.eye(3)]
     facets = np.arange(600, dtype=np.int32).reshape(20, 30)
     facets[4, 5:9] = -1
-    rows = np.empty((20, 180), dtype=np.uint8)
-    normal_rows(facets, facets_of(normals), np.eye(4)[:3], rows)
+    rows, codes = np.empty((20, 181), dtype=np.uint8), np.zeros(601, dtype=np.uint64)
+    normal_rows(facets, facets_of(normals), np.eye(4)[:3], codes, rows)
     write_normals(tmp_path, 7, rows)
     bgr = cv2.imread(str(tmp_path / "normals" / "000007.png"), cv2.IMREAD_UNCHANGED)
     exact = (normals.reshape(20, 30, 3) + 1) / 2 * 65535

@@ -17,6 +17,7 @@ from uavbench.scenes.dataset.surfaces.flow_kernels import (
     Motions,
     RowScratch,
     Shown,
+    carry,
     flow_rows,
     list_doubtful,
 )
@@ -25,6 +26,7 @@ from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, LARGEST_FLOW_
 from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTruth
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.generate import generate
+from uavbench.scenes.png.filters import UP
 from uavbench.scenes.renderables import Mover
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
@@ -235,11 +237,9 @@ PINHOLE = Camera(WIDE[1], WIDE[0], 50.0, 51.0, 54.0, 45.5)
 
 def facet_table(corners: np.ndarray, cam_from_world: Pose) -> FacetTable:
     """A table of facets (n, 3, 3) as seen by the pinhole at a pose."""
-    none = np.full(len(corners), -1, dtype=np.int64)
+    none, beyond = np.full(len(corners), -1, dtype=np.int64), np.full((len(corners), 3), -1, dtype=np.int64)
     outlines = np.full((len(corners), 4, 3), np.nan)
-    return FacetTable(
-        corners, none, np.tile(none, (3, 1)).T.copy(), none, PINHOLE.K @ cam_from_world.matrix[:3], outlines
-    )
+    return FacetTable(corners, none, beyond, none, beyond, PINHOLE.K @ cam_from_world.matrix[:3], outlines)
 
 
 def random_scene(rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -281,7 +281,9 @@ def test_the_kernels_are_the_formulas_on_random_facets(model: str, distortion: t
     shown = Shown(scene["rows"].astype(np.int32), 1 / scene["depths"], PINHOLE.project(rays).reshape(*SIZE, 2))
     from_place = np.eye(4)
     from_place[:3, :3] = np.linalg.inv(PINHOLE.K)
-    motions, scratch = Motions(scene["mover_of"], scene["motions"] @ from_place), RowScratch.of(width)
+    (moving,) = np.nonzero(scene["mover_of"])
+    motions = Motions(scene["mover_of"], scene["motions"] @ from_place, moving[[0, -1]] + [0, 1])
+    scratch = RowScratch.of(width)
 
     motion = scene["motions"][np.where(near, scene["mover_of"][rows], 0)]
     points = np.where(near, depths, 1.0)[:, None] * rays
@@ -323,19 +325,36 @@ def test_the_kernels_are_the_formulas_on_random_facets(model: str, distortion: t
     assert np.bincount(occlusion, minlength=4).min() > 100
 
 
+@pytest.mark.parametrize(("mover", "moves"), [(4, False), (5, True), (7, True), (8, False), (-1, False)])
+def test_what_moves_is_moved_where_it_is_alone_in_its_row(mover: int, moves: bool) -> None:
+    """Rows without facets in the range that moves are left out."""
+    rows = np.full((1, 40), 2, dtype=np.int32)
+    rows[0, 17] = mover
+    shown = Shown(rows, np.ones((1, 40)), np.empty((1, 0, 2)))
+    mover_of = np.array([0, 0, 0, 0, 0, 1, 1, 1, 0])
+    still, moved = np.eye(4)[:3], np.eye(4)[:3] + np.array([0, 0, 0, 5.0])
+    scratch = RowScratch.of(40)
+    carry(shown, Motions(mover_of, np.array([still, moved]), np.array([5, 8])), 0, scratch)
+    expected = np.array([np.arange(40.0), np.zeros(40), np.ones(40)])
+    expected[:, 17] += 5.0 * moves
+    assert np.array_equal(scratch.points, expected)
+
+
 def test_the_rows_of_normals_are_the_formula_on_random_facets() -> None:
     rng = np.random.default_rng(5)
     scene, pose = random_scene(rng), Pose(rotation_exp(rng.normal(size=(1, 3)))[0], rng.normal(size=3))
     rows = np.repeat(np.repeat(scene["rows"][::4, ::5], 4, axis=0), 5, axis=1)  # runs, in the rows below, too
     rows[rng.random(SIZE) < 0.1] = -1
-    out = np.empty((SIZE[0], 6 * SIZE[1]), dtype=np.uint8)
-    normal_rows(rows.astype(np.int32), scene["corners"], np.ascontiguousarray(pose.matrix[:3]), out)
+    out, codes = np.full((SIZE[0], 1 + 6 * SIZE[1]), 99, dtype=np.uint8), np.zeros(len(scene["corners"]) + 1, np.uint64)
+    normal_rows(rows.astype(np.int32), scene["corners"], np.ascontiguousarray(pose.matrix[:3]), codes, out)
+    assert (out[:, 0] == UP).all()
+    unfiltered = np.ascontiguousarray(np.cumsum(out[:, 1:], axis=0, dtype=np.uint8))
     normals = np.cross(*np.moveaxis(np.diff(scene["corners"] @ pose.rotation.T, axis=1), 1, 0))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals *= -np.sign(np.einsum("ij,ij->i", normals, pose.transform(scene["corners"][:, 0])))[:, None]
     expected = np.rint((normals[rows] + 1) / 2 * 65535)
     expected[rows < 0] = 0
-    assert np.array_equal(out.view(">u2").reshape(*SIZE, 3), expected)
+    assert np.array_equal(unfiltered.view(">u2").reshape(*SIZE, 3), expected)
 
 
 @pytest.mark.parametrize("with_lens", [False, True])

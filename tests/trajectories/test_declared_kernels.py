@@ -22,7 +22,7 @@ TREES = {name: ast.parse(path.read_bytes()) for name, path in FILES.items()}
 def decorated(node):
     """Whether a function is compiled; "for its callers" when it does not say for what, "inner" when it is so."""
     for decorator in getattr(node, "decorator_list", []):
-        if isinstance(decorator, ast.Name) and decorator.id == "compiled":
+        if isinstance(decorator, ast.Name) and decorator.id in ("compiled", "inlined"):
             return "for its callers"
         if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "compiled":
             return "inner" if any(word.arg == "inner" for word in decorator.keywords) else "as declared"

@@ -5,6 +5,7 @@ One that allocates nothing counts no references.
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -93,3 +94,12 @@ def test_a_kernel_that_allocates_nothing_counts_no_references(allocates):
     kernel.compile(None)
     (code,) = kernel.overloads.values()
     assert (b"NRT_incref" in code.library._get_compiled_object()) == allocates
+
+
+def test_an_inlined_function_is_not_called():
+    kernel = Kernel(antialias.py_func, antialias.declared, inner=False, allocates=False)
+    kernel._cache = NullCache()
+    kernel.compile(None)
+    (code,) = kernel.overloads.values()
+    called = set(re.findall(r"call [^\n]*?(_find_borders|one_surface)", code.library.get_llvm_str()))
+    assert called == {"_find_borders"}

@@ -116,10 +116,7 @@ def compiled(arguments: Any, *, inner: bool = False, allocates: bool = True, **t
     Plain `@compiled` is for a function that only kernels call, compiled for the types of each caller.
     """
     if not isinstance(arguments, str):
-        kernel = cast(Any, numba).jit(**OPTIONS, pipeline_class=KernelCompiler)(arguments)
-        if kernel is not arguments:  # as it is where numba is switched off
-            kernel._cache = cache_of(arguments)
-        return kernel
+        return _for_kernels(arguments)
 
     def decorate(function: F) -> F:
         if cast(Any, numba).config.DISABLE_JIT:
@@ -129,3 +126,19 @@ def compiled(arguments: Any, *, inner: bool = False, allocates: bool = True, **t
         return cast(F, kernel)
 
     return decorate
+
+
+def inlined(function: F) -> F:
+    """Decorator of a function that only kernels call and that is copied into them, whatever LLVM takes it to cost.
+
+    For what is called for every pixel with tuples of arrays: each of their fields is an argument of a call, which take
+    longer than most such functions.
+    """
+    return _for_kernels(function, forceinline=True)
+
+
+def _for_kernels(function: F, **options: bool) -> F:
+    kernel = cast(Any, numba).jit(**OPTIONS, **options, pipeline_class=KernelCompiler)(function)
+    if kernel is not function:  # as it is where numba is switched off
+        kernel._cache = cache_of(function)
+    return cast(F, kernel)

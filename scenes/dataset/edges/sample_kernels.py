@@ -158,3 +158,24 @@ def places_beside(pixels: Any, which: Any, seen: Any, side_px: float, places: An
             places[side, count, 1] = np.float32(pixels[i, 1] + offset * across_y)
         count += 1
     return count
+
+
+@compiled("i1 f1 f2 b1 f1 f2!", allocates=False)
+def join_seen(which: Any, share: Any, pixels: Any, seen: Any, contrast: Any, parts: Any) -> int:
+    """Runs of at least two visible samples of one edge, as rows (k, 7) of EDGE_COLUMNS; returns how many.
+
+    which, share, seen and contrast (n,) and pixels (n, 2): the samples; parts has room for n / 2 rows.
+    """
+    count, total, begin, before = 0, 0.0, 0, 0.0
+    for i in range(which.size):
+        if i == 0 or which[i] != which[i - 1] or not seen[i - 1]:
+            begin, before = i, total
+        total += contrast[i]
+        goes_on = i + 1 < which.size and which[i + 1] == which[i] and seen[i + 1]
+        if seen[i] and not goes_on and i > begin:
+            row = parts[count]
+            row[0] = which[i]
+            row[1], row[2], row[3], row[4] = pixels[begin, 0], pixels[begin, 1], pixels[i, 0], pixels[i, 1]
+            row[5], row[6] = share[i] - share[begin], (total - before) / (i + 1 - begin)
+            count += 1
+    return count

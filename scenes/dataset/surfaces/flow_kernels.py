@@ -16,7 +16,7 @@ from uavbench.scenes.dataset.surfaces.surface_files import (
 )
 from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import distort
 from uavbench.trajectories.pose import Array
 
@@ -39,10 +39,12 @@ class Shown(NamedTuple):
 class Motions(NamedTuple):
     """mover_of (n,): the row of each facet in camera_from_place (m, 3, 4), of which row 0 is of what rests. They map a
     place u v 1 in the rendered image, px, and its inverse depth to a multiple of its point in the later camera's frame.
+    moving (2,): the first facet that moves, and the one after the last.
     """
 
     mover_of: NDArray[np.int64]
     camera_from_place: Array
+    moving: NDArray[np.int64]
 
 
 class Lens(NamedTuple):
@@ -57,7 +59,8 @@ class RowScratch(NamedTuple):
     camera's frame, whose first two coordinates `project` divides by the third.
 
     later and rendered (2, w): places of the points in the camera's later image and in the rendered one, px; nearest
-    (2, w): the rendered pixels next to them; known (w,): 1 where there is a flow, and its codes (2, w).
+    (2, w): the rendered pixels next to them; known (w,): 1 where there is a flow, and its codes (2, w); listed
+    (w,): some columns.
     """
 
     columns: Array
@@ -68,6 +71,7 @@ class RowScratch(NamedTuple):
     known: NDArray[np.uint8]
     codes: NDArray[np.uint16]
     nearest: NDArray[np.int32]
+    listed: NDArray[np.int32]
 
     @classmethod
     def of(cls, width: int) -> "RowScratch":
@@ -83,13 +87,14 @@ class RowScratch(NamedTuple):
             known,
             codes,
             np.empty_like(codes, dtype=np.int32),
+            np.empty_like(known, dtype=np.int32),
         )
 
 
 SHOWN = named_tuple(Shown, "j2! f2! f3!")
-MOTIONS = named_tuple(Motions, "i1! f3!")
+MOTIONS = named_tuple(Motions, "i1! f3! i1!")
 LENS = named_tuple(Lens, "f1! f1!")
-ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h2! j2!")
+ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h2! j2! j1!")
 
 
 @compiled("shown motions f0 scratch f2! i2!", allocates=False, shown=SHOWN, motions=MOTIONS, scratch=ROW_SCRATCH)
@@ -145,7 +150,7 @@ def carry(shown: Any, motions: Any, i: int, scratch: Any) -> None:
         places[0, j], places[1, j] = shown.places[i, j, 0], shown.places[i, j, 1]
     for axis in range(3):
         _carry_axis(motions.camera_from_place[0, axis], places[0], places[1], near, points[axis])
-    if motions.camera_from_place.shape[0] > 1:
+    if any_between(shown.rows[i], motions.moving[0], motions.moving[1]):
         _carry_movers(shown.rows[i], motions, near, places, points)
 
 
@@ -155,6 +160,15 @@ def _carry_axis(a: Any, u: Any, v: Any, near: Any, out: Any) -> None:
     first, second, rest, by_nearness = a[0], a[1], a[2], a[3]
     for j in range(out.size):
         out[j] = first * u[j] + second * v[j] + rest + by_nearness * near[j]
+
+
+@compiled("j1 i0 i0", allocates=False)
+def any_between(rows: Any, first: int, beyond: int) -> bool:
+    """Whether any of the facets (n,) is from a first one on, and before another."""
+    low, high, found = np.int32(first), np.int32(beyond), np.int32(0)
+    for j in range(rows.size):
+        found |= np.int32((rows[j] >= low) & (rows[j] < high))
+    return bool(found)
 
 
 @compiled
@@ -236,47 +250,64 @@ def _hide(shown: Any, seen: Any, facets: Any, i: int, scratch: Any, occlusion: A
         u, v = later[0, j], later[1, j]
         inside = (u >= -0.5) & (u <= w - 0.5) & (v >= -0.5) & (v <= h - 0.5)
         occlusion[j] = np.uint8((SEEN if inside else OUTSIDE) if scratch.known[j] else UNKNOWN)
-    _round(rendered[0], occlusion, nearest[0])
-    _round(rendered[1], occlusion, nearest[1])
-    for j in range(w):
-        if occlusion[j] == SEEN and _facet(seen, nearest[0, j], nearest[1, j]) != rows[j]:
-            near = shown.near[i, j] / scratch.points[2, j]
-            if _is_behind(seen, facets, rows[j], (rendered[0, j], rendered[1, j]), near):
-                occlusion[j] = HIDDEN
+    _round(rendered[0], occlusion, seen.shape[1], nearest[0])
+    _round(rendered[1], occlusion, seen.shape[0], nearest[1])
+    for k in range(_list_others(seen, nearest, rows, occlusion, scratch.listed)):
+        j = scratch.listed[k]
+        near = shown.near[i, j] / scratch.points[2, j]
+        if _is_behind(seen, facets, rows[j], (rendered[0, j], rendered[1, j]), near):
+            occlusion[j] = HIDDEN
 
 
 @compiled
-def _round(values: Any, occlusion: Any, out: Any) -> None:
-    """Integers nearest to values (w,) of points that are SEEN, 0 for others."""
+def _round(values: Any, occlusion: Any, size: int, out: Any) -> None:
+    """Pixels nearest to values (w,) of points that are SEEN, within 0 .. size - 1; 0 of others."""
+    last = np.float64(size - 1)
     for j in range(out.size):
-        out[j] = np.int32(np.floor(values[j] + 0.5) if occlusion[j] == SEEN else 0.0)
+        nearest = min(max(np.floor(values[j] + 0.5), 0.0), last)
+        out[j] = np.int32(nearest if occlusion[j] == SEEN else 0.0)
 
 
 @compiled
-def _facet(seen: Any, column: int, row: int) -> int:
-    """The facet that a pixel shows, or the nearest one of the image."""
-    facet: int = seen[min(max(row, 0), seen.shape[0] - 1), min(max(column, 0), seen.shape[1] - 1)]
-    return facet
+def _list_others(seen: Any, nearest: Any, rows: Any, occlusion: Any, listed: Any) -> int:
+    """List the columns of points that are SEEN where the pixel nearest to them shows another facet; returns how many.
+
+    Without a branch, which would often be mispredicted.
+    """
+    facets, width, count = seen.reshape(-1), np.int32(seen.shape[1]), np.uint64(0)
+    for j in range(rows.size):
+        nearest[0, j] += width * nearest[1, j]
+    for j in range(np.uint64(rows.size)):
+        listed[count] = j
+        count += np.uint64((facets[np.uint64(nearest[0, j])] != rows[j]) & (occlusion[j] == SEEN))
+    return int(count)
 
 
-@compiled
-def _is_behind(seen: Any, facets: Any, row: int, place: Any, near: float) -> bool:
+@inlined
+def _is_behind(seen: Any, facets: Any, row: Any, place: Any, near: float) -> bool:
     """Whether the four rendered pixels around a place, px, show other facets than a point's, before it.
 
-    near: the inverse depth of the point there, 1/m.
+    near: the inverse depth of the point there, 1/m. Beyond the image its first or last pixels count.
     """
     u, v = place
-    left, top = int(np.floor(u)), int(np.floor(v))
-    for step in range(4):
-        other = _facet(seen, left + (step & 1), top + (step >> 1))
-        if other < 0 or other == row:
+    column, line = int(np.floor(u)), int(np.floor(v))
+    left, right = _clipped(column, seen.shape[1]), _clipped(column + 1, seen.shape[1])
+    top, bottom = _clipped(line, seen.shape[0]), _clipped(line + 1, seen.shape[0])
+    a, b, c, d = seen[top, left], seen[top, right], seen[bottom, left], seen[bottom, right]
+    if (a == row) | (b == row) | (c == row) | (d == row) | (min(a, b, c, d) < 0):
+        return False
+    if not near > 0.0:
+        return True
+    outlines = facets.outlines
+    for facet in (a, b, c, d):
+        if np.isnan(outlines[facet, 3, 2]):
+            ready(facets, facet)
+        if not near < (1 - BEFORE) * nearness(outlines, facet, u, v):
             return False
-    last = row
-    for step in range(4):
-        other = _facet(seen, left + (step & 1), top + (step >> 1))
-        if other != last and near > 0.0:
-            ready(facets, other)
-            if not near < (1 - BEFORE) * nearness(facets.outlines, other, u, v):
-                return False
-        last = other
     return True
+
+
+@compiled
+def _clipped(place: int, size: int) -> Any:
+    """A place within 0 .. size - 1, without a sign."""
+    return np.uint64(min(max(place, 0), size - 1))

@@ -1,70 +1,78 @@
-"""Kernel of the normals of the surfaces that pixels show, into the bytes of their files."""
+"""Kernel of the normals of the surfaces that pixels show, into the filtered bytes of their files."""
 
 from typing import Any
 
 import numpy as np
 
 from uavbench.scenes.dataset.surfaces.surface_files import NORMAL_UNITS
-from uavbench.scenes.dataset.surfaces.trace_kernels import end_of_run
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.scenes.png.filters import UP
+from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, bit_number, unlike
 
 BYTES = 6
 """Bytes of a pixel in these files: three numbers of 16 bits."""
+KNOWN = np.uint64(1 << 63)
+"""Bit of words that are known, above their bytes."""
+HIGHEST = np.uint64(0x8080808080808080)
+"""Highest bits of the bytes of a word."""
 
 
-@compiled("j2 f3 f2 u2!", allocates=False)
-def normal_rows(rows: Any, corners: Any, cam_from_world: Any, out: Any) -> None:
-    """Rows (h, 6 w) of a file of normals: x y z in 16 bits, the first byte the higher, of the facets (h, w) of pixels.
+@compiled("j2 f3 f2 w1! u2!", allocates=False)
+def normal_rows(rows: Any, corners: Any, cam_from_world: Any, codes: Any, out: Any) -> None:
+    """Filtered rows (h, 1 + 6 w) of a PNG file of normals: residuals against the row above of x y z in 16 bits, the
+    first byte the higher, of the facets (h, w) of pixels.
 
-    corners (n, 3, 3) of facets in the world, m; cam_from_world (3, 4). Normals are turned towards the camera.
+    corners (n, 3, 3) of facets in the world, m; cam_from_world (3, 4). Normals are turned towards the camera. codes
+    (n + 1,): scratch of zeros.
     """
     h, w = rows.shape
     for i in range(h):
-        begin = 0
-        while begin < w:
-            facet = rows[i, begin]
-            end = end_of_run(rows[i], begin, w, facet)
-            done = end_of_run(rows[i - 1], begin, end, facet) if i > 0 else begin
-            if done > begin:
-                _copy(out[i - 1, BYTES * begin : BYTES * done], out[i, BYTES * begin : BYTES * done])
-            else:
-                done += 1
-                _put(corners, facet, cam_from_world, out[i, BYTES * begin : BYTES * done])
-            _repeat(out[i, BYTES * (done - 1) : BYTES * end])
-            begin = end
+        out[i, 0] = UP
+        _clear(out[i, 1:])
+    codes[0] = KNOWN
+    data, stride = rows.reshape(-1).view(np.uint8), np.uint64(4 * w)
+    for j in range(w):
+        _put(corners, rows[0, j], np.int32(-1), cam_from_world, codes, out[0], np.uint64(1 + BYTES * j))
+    for i in range(1, h):
+        for first in range(0, w, AT_ONCE):
+            here = np.uint64(4 * (i * w + first))
+            others = unlike(data, here, here - stride, min(w - first, AT_ONCE))
+            while others != 0:
+                single = others & (~others + np.uint64(1))
+                others ^= single
+                u: Any = first + (np.int64(bit_number(single)) >> 2)
+                _put(corners, rows[i, u], rows[i - 1, u], cam_from_world, codes, out[i], np.uint64(1 + BYTES * u))
 
 
 @compiled
-def _copy(above: Any, out: Any) -> None:
-    """Copy bytes."""
+def _clear(out: Any) -> None:
+    """Set bytes to 0."""
     for k in range(out.size):
-        out[k] = above[k]
+        out[k] = 0
+
+
+@inlined
+def _put(corners: Any, facet: Any, above: Any, cam_from_world: Any, codes: Any, out: Any, at: Any) -> None:
+    """The residuals (6,) of the normal of a facet against that of another; -1 for none, whose bytes are 0."""
+    here = _code(corners, np.int64(facet), cam_from_world, codes)
+    there = _code(corners, np.int64(above), cam_from_world, codes)
+    residuals = ((here | HIGHEST) - (there & ~HIGHEST)) ^ ((here ^ ~there) & HIGHEST)  # of each byte (Warren 2012)
+    for k in range(np.uint64(BYTES)):
+        out[at + k] = np.uint8(residuals >> (k << np.uint64(3)))
+
+
+@inlined
+def _code(corners: Any, row: Any, cam_from_world: Any, codes: Any) -> Any:
+    """The bytes of the normal of a facet, or of none, the first one lowest, in a word with the bit KNOWN."""
+    place = np.uint64(row + 1)
+    if codes[place] == 0:
+        codes[place] = _make(corners, row, cam_from_world)
+    return codes[place]
 
 
 @compiled
-def _repeat(out: Any) -> None:
-    """Fill pixels (6 n,) with the first of them; two bytes of one number are written at once."""
-    x, y, z = _number(out[0:2]), _number(out[2:4]), _number(out[4:6])
-    for j in range(np.uint64(1), np.uint64(out.size // BYTES)):
-        k = j * np.uint64(BYTES)
-        out[k], out[k + np.uint64(1)] = np.uint8(x >> np.uint16(8)), np.uint8(x & np.uint16(255))
-        out[k + np.uint64(2)], out[k + np.uint64(3)] = np.uint8(y >> np.uint16(8)), np.uint8(y & np.uint16(255))
-        out[k + np.uint64(4)], out[k + np.uint64(5)] = np.uint8(z >> np.uint16(8)), np.uint8(z & np.uint16(255))
-
-
-@compiled
-def _number(pair: Any) -> Any:
-    """The number of two bytes, the higher first."""
-    return np.uint16((pair[0] << 8) | pair[1])
-
-
-@compiled
-def _put(corners: Any, row: int, cam_from_world: Any, out: Any) -> None:
-    """The bytes (6,) of the normal of a facet; 0 for none."""
-    if row < 0:
-        for k in range(BYTES):
-            out[k] = 0
-        return
+def _make(corners: Any, row: Any, cam_from_world: Any) -> Any:
+    """The word of `_code` of a facet."""
     x0, y0, z0 = corners[row, 0, 0], corners[row, 0, 1], corners[row, 0, 2]
     ax, ay, az = corners[row, 1, 0] - x0, corners[row, 1, 1] - y0, corners[row, 1, 2] - z0
     bx, by, bz = corners[row, 2, 0] - x0, corners[row, 2, 1] - y0, corners[row, 2, 2] - z0
@@ -76,8 +84,10 @@ def _put(corners: Any, row: int, cam_from_world: Any, out: Any) -> None:
         a = cam_from_world[axis]
         turned = a[0] * nx + a[1] * ny + a[2] * nz
         from_camera += turned * (a[0] * x0 + a[1] * y0 + a[2] * z0 + a[3])
+    word = KNOWN
     for axis in range(3):
         a = cam_from_world[axis]
         turned = a[0] * nx + a[1] * ny + a[2] * nz
-        code = int(np.rint(((-turned if from_camera > 0 else turned) + 1) / 2 * NORMAL_UNITS))
-        out[2 * axis], out[2 * axis + 1] = np.uint8(code >> 8), np.uint8(code & 255)
+        code = np.uint64(np.rint(((-turned if from_camera > 0 else turned) + 1) / 2 * NORMAL_UNITS))
+        word |= ((code >> np.uint64(8)) | ((code & np.uint64(255)) << np.uint64(8))) << np.uint64(16 * axis)
+    return word

@@ -14,11 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import camera_array
-from uavbench.scenes.dataset.surfaces.flow_kernels import Lens, Motions, RowScratch, Shown, flow_rows, list_doubtful
+from uavbench.scenes.dataset.surfaces.flow_kernels import (
+    Lens,
+    Motions,
+    RowScratch,
+    Shown,
+    any_between,
+    flow_rows,
+    list_doubtful,
+)
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
-from uavbench.scenes.png.encoder import png, png_of_rows
+from uavbench.scenes.png.encoder import png, png_of_filtered, png_of_rows
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
 from uavbench.scenes.rendering.facets import NONE
@@ -93,15 +101,19 @@ class SurfaceTruth:
         return Geometry(depths.astype(np.float32), instances)
 
     def normals(self, view: SurfaceView) -> NDArray[np.uint8]:
-        """Rows (h, 6 w) of a file of normals in the camera's frame, towards the camera; 0 where there is no surface."""
-        out = np.empty((self._size[0], 6 * self._size[1]), dtype=np.uint8)
+        """Filtered rows (h, 1 + 6 w) of a file of normals in the camera's frame, towards the camera: see `normal_rows`.
+
+        0 where there is no surface.
+        """
+        out = np.empty((self._size[0], 1 + 6 * self._size[1]), dtype=np.uint8)
         corners = self._facets(view).corners
-        normal_rows(view.shown.rows, corners, np.ascontiguousarray(view.cam_from_world.matrix[:3]), out)
+        codes = np.zeros(len(corners) + 1, dtype=np.uint64)
+        normal_rows(view.shown.rows, corners, np.ascontiguousarray(view.cam_from_world.matrix[:3]), codes, out)
         return out
 
     def flow(self, view: SurfaceView, later: SurfaceView) -> FlowTruth:
         """Flow from one view to a later one, and occlusion there."""
-        motions = Motions(self._renderer.facets.mover_of, self._motions(view, later))
+        motions = self._motions(view, later)
         height, width = self._size
         out = FlowTruth(np.empty((height, 6 * width), dtype=np.uint8), np.full(self._size, SEEN, dtype=np.uint8))
         if self._widest < np.inf:
@@ -116,16 +128,19 @@ class SurfaceTruth:
         """The facets as they are in a view."""
         return self._renderer.facet_table(view.cam_from_world, self._source.pinhole, view.time_ns * 1e-9)
 
-    def _motions(self, view: SurfaceView, later: SurfaceView) -> Array:
-        """Matrices (m, 3, 4) from places in the pinhole's image to the later camera's frame: see `Motions`."""
-        pinhole, world_from_cam = self._source.pinhole, view.cam_from_world.inverse()
-        steps = self._renderer.facets.steps(view.time_ns * 1e-9, later.time_ns * 1e-9)
+    def _motions(self, view: SurfaceView, later: SurfaceView) -> Motions:
+        """Motions of what rests, and of what moves if any of it is in view."""
+        pinhole, world_from_cam, drawn = self._source.pinhole, view.cam_from_world.inverse(), self._renderer.facets
+        steps, moving = [Pose.identity()], drawn.moving
+        if any_between(view.shown.rows.reshape(-1), moving[0], moving[1]):
+            steps += drawn.steps(view.time_ns * 1e-9, later.time_ns * 1e-9)
         ray_from_place = np.eye(4)
         ray_from_place[:2, :3] = [
             [1 / pinhole.fx, 0, -pinhole.cx / pinhole.fx],
             [0, 1 / pinhole.fy, -pinhole.cy / pinhole.fy],
         ]
-        return np.array([(later.cam_from_world @ step @ world_from_cam).matrix[:3] @ ray_from_place for step in steps])
+        matrices = [(later.cam_from_world @ step @ world_from_cam).matrix[:3] @ ray_from_place for step in steps]
+        return Motions(drawn.mover_of, np.array(matrices), moving)
 
     def _in_pinhole(self, points: Array) -> Array:
         """Projections (k, 2) in px of points (k, 3) in the camera frame into the pinhole image."""
@@ -187,9 +202,9 @@ class SurfaceFiles:
         return self._truth.geometry(view) if {"depth", "mask"} & self.annotations else None
 
 
-def write_normals(folder: Path, frame: int, rows: NDArray[np.uint8]) -> None:
-    """Write `normals/NNNNNN.png` from its rows (h, 6 w)."""
-    _write(folder / "normals" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
+def write_normals(folder: Path, frame: int, filtered: NDArray[np.uint8]) -> None:
+    """Write `normals/NNNNNN.png` from its filtered rows (h, 1 + 6 w)."""
+    _write(folder / "normals" / f"{frame:06d}.png", png_of_filtered(filtered, filtered.shape[1] // 6, smooth=True))
 
 
 def write_flow(folder: Path, frame: int, rows: NDArray[np.uint8], occlusion: NDArray[np.uint8]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 
 ON_BORDER = 1e-9
 """Tolerance of barycentric coordinates for points on the border of a triangle."""
@@ -100,7 +100,7 @@ def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any
     return row, nearest
 
 
-@compiled
+@inlined
 def _is_on(facets: Any, row: int, u: float, v: float) -> bool:
     """Whether the ray of a place in the image passes through a facet, by its barycentric coordinates."""
     ready(facets, row)

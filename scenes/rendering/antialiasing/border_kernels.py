@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uavbench.scenes.rendering.antialiasing.facet_table import nearness, ready
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 
 FLAT_COS = 0.999
 """Cosine of the angle between adjacent facets of a part (2.6 degrees) above which they are one smooth surface."""
@@ -46,6 +46,16 @@ def number_planes(corners: Any, opposite: Any, plane: Any) -> None:
         plane[row] = _first_of(plane, row)
 
 
+@compiled("f3 i2 i2!", allocates=False)
+def find_smooth(corners: Any, opposite: Any, smooth: Any) -> None:
+    """The facets (n, 3) beyond the sides of others that go on in a direction by FLAT_COS, -1 where none does."""
+    for row in range(smooth.shape[0]):
+        for side in range(3):
+            other = opposite[row, side]
+            goes_on = other >= 0 and _cosine(corners, row, other) > FLAT_COS
+            smooth[row, side] = other if goes_on else -1
+
+
 @compiled
 def _first_of(plane: Any, row: int) -> int:
     """The facet that stands for the plane of another so far."""
@@ -62,7 +72,7 @@ def _in_one_plane(corners: Any, one: int, other: int) -> bool:
     return bool(a * b > 0.0 and ax * bx + ay * by + az * bz > SAME_PLANE_COS * np.sqrt(a * b))
 
 
-@compiled
+@inlined
 def one_surface(facets: Any, here: int, there: int, u: float, v: float) -> bool:
     """Whether facets, -1 for the background, are of one plane that has a depth at a place in the image.
 
@@ -74,7 +84,7 @@ def one_surface(facets: Any, here: int, there: int, u: float, v: float) -> bool:
     return nearness(facets.outlines, here, u, v) > 0.0
 
 
-@compiled
+@inlined
 def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Border:
     """The border between a pixel and the next one.
 
@@ -113,8 +123,8 @@ def borders(facets: Any, here: int, there: int, u: int, v: int, axis: int) -> Bo
     if enters >= at + STRIP or leaves <= at - STRIP or (leaves <= at if of_here else enters >= at):
         return Border(at, at, -1)  # it is behind
     for k in range(3):  # the rest of a face of two triangles
-        rest = facets.opposite[between, k]
-        if rest >= 0 and rest != row and _cosine(facets.corners, between, rest) > FLAT_COS:
+        rest = facets.smooth[between, k]
+        if rest >= 0 and rest != row:
             ready(facets, rest)
             begins, ends = _within(outlines, rest, u, v, axis)
             if begins < leaves + STRIP and ends > enters - STRIP:

@@ -10,6 +10,7 @@ from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, read
 from uavbench.scenes.rendering.facets import Rows
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, bit_number, unlike
 from uavbench.trajectories.pose import Array
 
 BESIDE = 2
@@ -40,79 +41,80 @@ class BorderRows(NamedTuple):
 BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! h2! i1!")
 
 
-@compiled("u3 s3 facets i1! rows u3!", allocates=False, facets=FACET_TABLE, rows=BORDER_ROWS)
-def antialias(color: Any, numbers: Any, facets: Any, seen: Any, rows: Any, out: Any) -> None:
+@compiled("u3 j2 facets i1! rows u3!", allocates=False, facets=FACET_TABLE, rows=BORDER_ROWS)
+def antialias(color: Any, shown: Any, facets: Any, seen: Any, rows: Any, out: Any) -> None:
     """Out (h, w, 3) BGR: the square root of the light of each pixel and its neighbours by the share that each covers.
 
-    color (h, w, 4) RGBA is square-root coded and numbers (h, w, 2) are depth and facet + 1, from the bottom row on; out
-    has the same colours from the top row on. seen (n + 1,) is scratch for n facets. A facet between two pixels has the
-    colour of the last pixel that shows it.
+    color (h, w, 4) RGBA is square-root coded, from the bottom row on; out has the same colours, and shown (h, w) the
+    facets, from the top row on. seen (n + 1,) is scratch for n facets. A facet between two pixels has the colour of the
+    last pixel that shows it.
     """
-    _list_unlike(numbers, seen, rows)
+    _list_unlike(shown, seen, rows)
     for v in range(out.shape[0]):
-        _find_borders(numbers, facets, v, seen, rows)
+        _find_borders(shown, facets, v, seen, rows)
         _mix(color, v, seen, rows, out)
 
 
 @compiled
-def _list_unlike(numbers: Any, seen: Any, rows: Any) -> None:
+def _list_unlike(shown: Any, seen: Any, rows: Any) -> None:
     """List the pixels of each row whose facet is not that of the one to their right and of the one below.
 
     seen becomes the last pixel of each facet that begins a run in its row, -1 for none.
     """
-    h, w = numbers.shape[0], numbers.shape[1]
+    h, w = shown.shape
+    data = shown.reshape(-1).view(np.uint8)
     seen[:] = -1
-    for y in range(h):
-        rows.counts[y] = _unlike(numbers[y], numbers[max(y - 1, 0)], rows.columns[y])
-        for k in range(rows.counts[y]):
-            u = int(rows.columns[y, k]) + 1
-            if u < w and numbers[y, u, 1] != numbers[y, u - 1, 1]:
-                seen[int(numbers[y, u, 1])] = y * w + u
+    for v in range(h - 1, -1, -1):
+        rows.counts[v] = _unlike(data, v, shown.shape, rows.columns[v])
+        for k in range(rows.counts[v]):
+            u = int(rows.columns[v, k]) + 1
+            if u < w and shown[v, u] != shown[v, u - 1]:
+                seen[shown[v, u] + 1] = (h - 1 - v) * w + u
 
 
 @compiled
-def _find_borders(numbers: Any, facets: Any, v: int, seen: Any, rows: Any) -> None:
+def _find_borders(shown: Any, facets: Any, v: int, seen: Any, rows: Any) -> None:
     """Borders of the pixels of row v with those to their right and below them."""
-    h, w = numbers.shape[0], numbers.shape[1]
-    y, places, between = h - 1 - v, rows.places, rows.between
+    h, w = shown.shape
+    places, between = rows.places, rows.between
     below, now, then = 1 - v % 2, rows.mixed[v % 2], rows.mixed[1 - v % 2]
-    for k in range(rows.counts[y]):
-        u = int(rows.columns[y, k])
-        here = numbers[y, u, 1]
-        right = numbers[y, u + 1, 1] if u + 1 < w else here
-        down = numbers[y - 1, u, 1] if y else here
-        row = int(here) - 1
-        seen[row + 1] = y * w + u
-        other = int(right) - 1
-        if right != here and not one_surface(facets, row, other, u + 0.5, float(v)):
+    for k in range(rows.counts[v]):
+        u = int(rows.columns[v, k])
+        here = int(shown[v, u])
+        right = int(shown[v, u + 1]) if u + 1 < w else here
+        down = int(shown[v + 1, u]) if v + 1 < h else here
+        seen[here + 1] = (h - 1 - v) * w + u
+        if right != here and not one_surface(facets, here, right, u + 0.5, float(v)):
             now[u] = now[u + 1] = 1
-            ready(facets, row)
-            ready(facets, other)
-            places[BESIDE, u, 0], places[BESIDE, u, 1], between[BESIDE, u] = borders(facets, row, other, u, v, 0)
-        other = int(down) - 1
-        if down != here and not one_surface(facets, row, other, float(u), v + 0.5):
+            ready(facets, here)
+            ready(facets, right)
+            places[BESIDE, u, 0], places[BESIDE, u, 1], between[BESIDE, u] = borders(facets, here, right, u, v, 0)
+        if down != here and not one_surface(facets, here, down, float(u), v + 0.5):
             now[u] = then[u] = 1
-            ready(facets, row)
-            ready(facets, other)
-            places[below, u, 0], places[below, u, 1], between[below, u] = borders(facets, row, other, u, v, 1)
+            ready(facets, here)
+            ready(facets, down)
+            places[below, u, 0], places[below, u, 1], between[below, u] = borders(facets, here, down, u, v, 1)
 
 
 @compiled
-def _unlike(numbers: Any, under: Any, columns: Any) -> int:
-    """List the pixels whose facet is not that of the one to their right and of the one below; returns how many.
+def _unlike(data: Any, v: int, size: Any, columns: Any) -> int:
+    """List the pixels of row v whose facet is not that of the one to their right and of the one below.
 
-    Without a branch, which would often be mispredicted, and with places that need no check for one below 0.
+    Returns how many. data: the bytes of the facets of an image of a size (h, w).
     """
-    last, count, one = np.uint64(columns.size - 1), np.uint64(0), np.uint64(1)
-    here = numbers[0, 1]
-    for u in range(last):
-        right = numbers[u + one, 1]
-        columns[count] = u
-        count += np.uint64((here != right) | (here != under[u, 1]))
-        here = right
-    columns[count] = last
-    count += np.uint64(numbers[last, 1] != under[last, 1])
-    return int(count)
+    h, w = size
+    stride, count = np.uint64(4 * w), 0
+    for first in range(0, w, AT_ONCE):
+        here = np.uint64(4 * (v * w + first))
+        others = unlike(data, here, here + np.uint64(4), min(w - 1 - first, AT_ONCE))
+        if v + 1 < h:
+            others |= unlike(data, here, here + stride, min(w - first, AT_ONCE))
+        while others != 0:
+            single = others & (~others + np.uint64(1))
+            others ^= single
+            columns[count] = first + (np.int64(bit_number(single)) >> 2)
+            count += 1
+    return count
 
 
 @compiled
@@ -132,7 +134,7 @@ def _mix(color: Any, v: int, seen: Any, rows: Any, out: Any) -> None:
     y, places, between, now = h - 1 - v, rows.places, rows.between, rows.mixed[v % 2]
     above, below = v % 2, 1 - v % 2
     over, under = min(y + 1, h - 1), max(y - 1, 0)
-    columns = rows.columns[y]
+    columns = rows.columns[v]
     count = _marked(now, columns)
     for k in range(count):
         u = int(columns[k])
@@ -185,7 +187,8 @@ def _add(color: Any, y: int, u: int, share: float, light: tuple[float, float, fl
 
 @compiled("s3 u1 s2! u2!", allocates=False)
 def depth_and_instances(numbers: Any, instance: Any, depth: Any, instances: Any) -> None:
-    """Depth and instances (h, w) from the top row on, of numbers (h, w, 2) as in `antialias`.
+    """Depth and instances (h, w) from the top row on, of numbers (h, w, 2): depth and facet + 1, from the bottom
+    row on.
 
     instance (n + 1,) is that of each facet, after that of the background.
     """
@@ -200,7 +203,7 @@ def depth_and_instances(numbers: Any, instance: Any, depth: Any, instances: Any)
 
 @compiled("s3 j2!", allocates=False)
 def facet_rows(numbers: Any, rows: Any) -> None:
-    """Facets (h, w) from the top row on, -1 for the background, of numbers (h, w, 2) as in `antialias`."""
+    """Facets (h, w) from the top row on, -1 for none, of numbers (h, w, 2) as in `depth_and_instances`."""
     h, w = rows.shape
     for v in range(h):
         row, into = numbers[h - 1 - v], rows[v]

@@ -12,19 +12,20 @@ from uavbench.trajectories.pose import Array
 
 class FacetTable(NamedTuple):
     """Facets in view: corners (n, 3, 3) in the world, m; part (n,) of each; opposite (n, 3), the facet beyond the side
-    opposite each corner, -1 for none; plane (n,), see `number_planes`; image_from_world (3, 4) in px; outlines
-    (n, 4, 3), scratch, NaN where not known.
+    opposite each corner, -1 for none; plane (n,), see `number_planes`; smooth (n, 3), see `find_smooth`;
+    image_from_world (3, 4) in px; outlines (n, 4, 3), scratch, NaN where not known.
     """
 
     corners: Array
     part: Rows
     opposite: Rows
     plane: Rows
+    smooth: Rows
     image_from_world: Array
     outlines: Array
 
 
-FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! i1! f2! f3!")
+FACET_TABLE = named_tuple(FacetTable, "f3! i1! i2! i1! i2! f2! f3!")
 
 
 @compiled

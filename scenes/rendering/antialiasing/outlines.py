@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.rendering.antialiasing.border_kernels import number_planes
+from uavbench.scenes.rendering.antialiasing.border_kernels import find_smooth, number_planes
 from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, depth_and_instances, facet_rows
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import Geometry
@@ -42,16 +42,18 @@ class Outlines:
         self._facets, self._seen = facets, np.empty(len(facets.corners_m) + 1, dtype=np.int64)
         corners, part = facets.corners_m.copy(), np.repeat(np.array(parts, dtype=np.int64), counts)
         opposite, plane, scratch = opposite_facets(corners, part), np.empty_like(part), np.empty((len(corners), 4, 3))
+        smooth = np.empty_like(opposite)
         number_planes(corners, opposite, plane)
-        self._table = FacetTable(corners, part, opposite, plane, np.zeros((3, 4)), scratch)
+        find_smooth(corners, opposite, smooth)
+        self._table = FacetTable(corners, part, opposite, plane, smooth, np.zeros((3, 4)), scratch)
         self._instance = np.concatenate([[0], facets.instances]).astype(np.uint8)
         self._moment: Moment | None = None
 
-    def image(self, color: NDArray[np.uint8], numbers: NDArray[np.float32], moment: Moment) -> NDArray[np.uint8]:
-        """Antialiased image (h, w, 3) BGR of what was rendered at pixel centres, see `antialias`."""
+    def image(self, color: NDArray[np.uint8], rows: NDArray[np.int32], moment: Moment) -> NDArray[np.uint8]:
+        """Antialiased image (h, w, 3) BGR of the colours and facets rendered at pixel centres, see `antialias`."""
         table = self.table(moment)
         out = np.asarray(cv2.flip(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), 0), dtype=np.uint8)
-        antialias(color, numbers, table, self._seen, BorderRows.of(*color.shape[:2]), out)
+        antialias(color, rows, table, self._seen, BorderRows.of(*color.shape[:2]), out)
         return out
 
     def table(self, moment: Moment) -> FacetTable:
