@@ -73,10 +73,10 @@ class InProcess(Executor):
 def _suite(given: str | Path | Mapping[str, Any]) -> Suite:
     if not isinstance(given, Mapping):
         return load_suite(suite_file(str(given)))
-    specs = {"sequences": SequenceSpec, "recordings": RecordingSpec}
+    usual_hz = {"sequences": SequenceSpec.rate_hz, "recordings": RecordingSpec.rate_hz}
     rates = [
-        table.get("rate_hz", spec.rate_hz)
-        for kind, spec in specs.items()
+        table.get("rate_hz", usual_hz[kind])
+        for kind in usual_hz
         for table in dict(given.get(kind, {})).values()
         if isinstance(table, Mapping)
     ]

@@ -68,6 +68,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("scenes/exports/kalibr.py", "scenes/test_cameras", "scenes/test_rig_exports"),
         *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),
+        *(
+            _target(f"scenes/exports/{name}.py", "scenes/test_laser_exports")
+            for name in ("kitti", "laser_readings", "ros/laser_messages")
+        ),
         *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman", "matches")),
         _target("scenes/png/encoder.py", "scenes/test_png"),
         _target("trajectories/trajectory_files/formats.py", "trajectories/test_formats"),
