@@ -281,6 +281,22 @@ def test_the_other_camera_alone_is_that_of_the_toml_with_its_lens(rig, format, r
     check({"right": found}, folder, ["right"], format)
 
 
+@pytest.mark.parametrize("rig", ["fixed", "gimbal"])
+def test_kittis_tr_is_the_lidar_in_the_camera_that_is_exported(rig, request, tmp_path):
+    folder = request.getfixturevalue(rig)
+    sensor = suite(folder)["sensors"][2]
+    body_from_lidar = placed(turned(sensor), sensor["offset_m"])
+    for name in NAMES:
+        out = exported(folder, "kitti", tmp_path / name, name, undistort=True)
+        rows = dict(line.split(maxsplit=1) for line in (out / "calib.txt").read_text().splitlines())
+        fixed = name == "right" or rig == "fixed"
+        assert ("Tr:" in rows) == fixed == (out / "velodyne").is_dir()
+        if fixed:
+            expected = np.linalg.inv(on_body(folder, name)[0]) @ body_from_lidar
+            found = np.array(rows["Tr:"].split(), dtype=float).reshape(3, 4)
+            np.testing.assert_allclose(found, expected[:3], atol=1e-12)
+
+
 @pytest.mark.parametrize("format", ["tum", "kitti", "bop", "mcap", "colmap", "transforms", "euroc"])
 def test_undistorted_views_are_those_of_the_pinhole_with_the_same_matrix(format, fixed, tmp_path):
     if format in ("tum", "kitti", "bop"):

@@ -69,7 +69,7 @@ class BagExport:
         return Held(
             files=files,
             frames={} if shown.sequence.recorded else {name: "world_from_body"},
-            sensors=(*content.imus, *content.receivers, *content.gimbals, *content.range_finders, *content.lidars),
+            sensors=content.sensors,
             limits=tuple(content.limits()),
             angular_rates=True,
             moving_mounts=True,
@@ -108,9 +108,18 @@ class Content:
     @cached_property
     def receivers(self) -> dict[str, dict[str, Any]]:
         """Parameters of the GNSS receivers by their files."""
-        sequence, folder = self.shown.sequence, self.shown.sequence.body_folder
-        heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables_of(sequence)}
-        return {name: each for name, each in tables_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])}
+        return self._tables_with({*messages.FIX, "pdop"})
+
+    @cached_property
+    def barometers(self) -> dict[str, dict[str, Any]]:
+        """Parameters of the barometers by their files."""
+        return self._tables_with({messages.PRESSURE})
+
+    def _tables_with(self, columns: set[str]) -> dict[str, dict[str, Any]]:
+        """Parameters of the sensors whose tables have some columns, by their files."""
+        folder, tables = self.shown.sequence.body_folder, tables_of(self.shown.sequence)
+        heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables}
+        return {name: each for name, each in tables.items() if columns <= set(heads[name])}
 
     @cached_property
     def gimbals(self) -> dict[str, list[str]]:
@@ -127,6 +136,12 @@ class Content:
     def lidars(self) -> dict[str, Lidar]:
         """The lidars by their files."""
         return lidars_of(self.shown.sequence)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Files of readings that the bag has."""
+        on_body = (self.imus, self.receivers, self.barometers, self.range_finders, self.lidars, self.gimbals)
+        return tuple(file for found in on_body for file in found)
 
     def place(self, receiver: dict[str, Any]) -> Datum:
         """Geodetic position of the world's origin for a receiver."""
@@ -147,6 +162,10 @@ class Content:
             name, about = f"/{ros_name(file)}/fix", f"fixes of `{file}`, the world's origin at {self.place(gnss)}"
             found = messages.fixes(shown, file, gnss, self.place(gnss), name)
             yield Channel(name, "sensor_msgs/NavSatFix", about, found)
+        for file, baro in self.barometers.items():
+            name, about = f"/{ros_name(file)}/pressure", f"pressures of `{file}`"
+            found = messages.pressures(shown, file, baro, name)
+            yield Channel(name, "sensor_msgs/FluidPressure", about, found)
         for file, joints in self.gimbals.items():
             name, about = f"/{ros_name(file)}/joint_states", f"measured angles of the joints in `{file}`"
             yield Channel(name, "sensor_msgs/JointState", about, joint_states(sequence, file, joints, name))
@@ -181,7 +200,7 @@ class Content:
             if not each.sequence.on_gimbal
         }
         sensors |= {link_of(name): body_from_imu(sequence.body_folder / name, imu) for name, imu in self.imus.items()}
-        sensors |= {link_of(name): Pose.identity() for name in self.receivers}
+        sensors |= {link_of(name): Pose.identity() for name in (*self.receivers, *self.barometers)}
         lasers = [*self.range_finders.values(), *self.lidars.values()]
         sensors |= {link_of(laser.file): laser.on_body for laser in lasers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
@@ -215,6 +234,8 @@ class Content:
                 f"counter-clockwise from north. The sky is that over {gnss.get('latitude_deg', 0.0):g} degrees north."
             )
             yield f"Fixes: velocities and satellite numbers of `{name}` are not included; variances follow from PDOP."
+        for name in self.barometers:
+            yield f"Pressures: the height of `{name}` above the floor is not included."
         for name in (*self.range_finders, *self.lidars):
             yield (
                 f"Ranges: those of `{name}` are rounded to float32, NaN where there is no measurement; intensities are "

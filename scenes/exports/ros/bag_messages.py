@@ -26,6 +26,7 @@ from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
 
 WORLD, BODY, CAMERA = "world", "base_link", "camera_optical_frame"
 FIX = ["px_m", "py_m", "pz_m"]
+PRESSURE = "pressure_pa"
 MODELS = {"none": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "equidistant": ("equidistant", 4)}
 """Distortion models of CameraInfo, and how many coefficients they have: k1 k2 p1 p2 k3, or k1 k2 k3 k4."""
 NS, LAST_NS = 10**9, 2**31 * 10**9
@@ -197,6 +198,15 @@ def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: st
                 position_covariance_type=APPROXIMATED if known else 0,
             ),
         )
+
+
+def pressures(shown: Shown, name: str, baro: dict[str, Any], topic: str) -> Iterator[Stamped]:
+    """Pressures of a barometer, Pa, with the variance of their white noise; 0, unknown, where it is not given."""
+    path = shown.sequence.body_folder / name
+    variance = float(baro.get("noise_pa", 0.0)) ** 2
+    for stamp, (pressure,) in _rows(read_integers(path, ["stamp_ns"])[:, 0], read_numbers(path, [PRESSURE])):
+        fields = {"header": header(stamp, link_of(name)), "fluid_pressure": pressure, "variance": variance}
+        yield Stamped(topic, stamp, message("sensor_msgs/FluidPressure", **fields))
 
 
 def image_topic(camera: str, shown: Shown) -> str:
