@@ -93,7 +93,8 @@ def _in_world(turn: Turn, elevations_rad: Array, body_from_lidar: Pose, motion: 
     at = [np.interp(turn.stamps_ns, motion.stamps_ns, column) for column in motion.values[:, :3].T]
     q = [np.interp(turn.stamps_ns, motion.stamps_ns, column) for column in same_sign(motion.values[:, 3:7]).T]
     rotations = rotation_from_quaternion(np.column_stack(q))
-    on_body = body_from_lidar.transform(turn.points(elevations_rad).reshape(-1, 3)).reshape(len(elevations_rad), -1, 3)
+    points = turn.points(elevations_rad)
+    on_body = body_from_lidar.transform(points.reshape(-1, 3)).reshape(points.shape)
     return np.asarray(np.einsum("nij,rnj->rni", rotations, on_body) + np.column_stack(at))
 
 

@@ -309,7 +309,8 @@ def test_kitti_tells_what_its_scans_are_and_which_sensors_it_lacks(kitti):
     assert f"`{RINGS}` (" not in said
     for file in ("imu.csv", "range-finder.csv", TILTED, PLANE):
         assert f"Sensor readings: `{file}` (" in said
-    assert "`velodyne/`" in (kitti / "README.md").read_text()
+    readme = (kitti / "README.md").read_text()
+    assert "- `velodyne/`: scans of `lidar-3d.npy` by number" in readme and "px; Tr: camera from lidar, m" in readme
 
 
 def test_without_a_fixed_camera_kitti_has_no_scans(tmp_path):
