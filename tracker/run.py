@@ -29,6 +29,8 @@ KNOWN = Known()
 OnFrame = Callable[[int, TrackResult], None]
 SAME_RATE = 0.01
 """Relative difference below which two rates count as one: 29.97 Hz is called 30."""
+NEAR_RATE = 0.1
+"""Relative difference below which a stride may be called by a rate, as 3.75 Hz by 4; 7.5 Hz are not called 10."""
 
 
 def track_sequence(
@@ -171,12 +173,12 @@ def within_reach(pose: Pose) -> bool:
 
 
 def stride(sequence: Sequence, rate_hz: float) -> int:
-    """Stride of the frames of a sequence at rate_hz; UserError for a rate as `whole_stride`, or with a single frame."""
+    """The stride of a sequence nearest to rate_hz; UserError as `nearest_stride`, and where it leaves a single one."""
     sequence_hz = float(sequence.info.get("rate_hz", 0.0))  # the stamps may have jitter
     if not sequence_hz > 0 and len(sequence) > 1:
         sequence_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns)))
     try:
-        step = whole_stride(sequence_hz or rate_hz, rate_hz, sequence.name)
+        step = nearest_stride(sequence_hz or rate_hz, rate_hz, sequence.name)
     except UserError as error:
         raise UserError(f"rate_hz: {error}") from None
     if 1 < len(sequence) <= step:
@@ -188,17 +190,22 @@ def stride(sequence: Sequence, rate_hz: float) -> int:
     return step
 
 
-def whole_stride(sequence_hz: float, rate_hz: float, name: str) -> int:
-    """Stride of the frames of a sequence of a name and rate at rate_hz.
+def nearest_stride(sequence_hz: float, rate_hz: float, name: str) -> int:
+    """Stride of the frames of a sequence of a name and rate that is nearest to rate_hz.
 
-    UserError for a rate that is not positive, or that no stride has to within SAME_RATE.
+    UserError for a rate that is not positive, or above that of the sequence by more than SAME_RATE.
     """
     if not rate_hz > 0:
         raise UserError(f"{rate_hz:g} Hz: the rate must be positive")
     if rate_hz > sequence_hz * (1 + SAME_RATE):
         raise UserError(f"{rate_hz:g} Hz is more than the {sequence_hz:g} Hz of sequence {name}")
-    step = max(1, round(min(sequence_hz / rate_hz, 1e9)))
-    if abs(sequence_hz / (step * rate_hz) - 1) > SAME_RATE:
+    return max(1, round(min(sequence_hz / rate_hz, 1e9)))
+
+
+def whole_stride(sequence_hz: float, rate_hz: float, name: str) -> int:
+    """The nearest stride; UserError as there, and for a rate that no stride has to within NEAR_RATE."""
+    step = nearest_stride(sequence_hz, rate_hz, name)
+    if abs(sequence_hz / (step * rate_hz) - 1) > NEAR_RATE:
         below = int(sequence_hz / rate_hz)
         raise UserError(
             f"{rate_hz:g} Hz: sequence {name} has {sequence_hz:g} Hz, of which every k-th frame is tracked, k a whole "

@@ -20,7 +20,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Tracker
-from uavbench.tracker.run import KNOWN, whole_stride
+from uavbench.tracker.run import KNOWN, nearest_stride, whole_stride
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
 
@@ -191,6 +191,7 @@ def _repeated(data: dict[str, Any]) -> list[str]:
 def _rate_mistakes(rates_hz: list[float], spec: SequenceSpec | RecordingSpec, flown: bool) -> list[str]:
     """An error line for each rate that no stride of a sequence has, or that selects the same frames as an earlier one.
 
+    The rate of a recording is not the user's choice: the nearest stride of it is taken.
     flown: whether the suite is flown in closed loop, where frames are exposed at any rate up to the sequence's.
     """
     lines: list[str] = []
@@ -198,7 +199,8 @@ def _rate_mistakes(rates_hz: list[float], spec: SequenceSpec | RecordingSpec, fl
     for i, rate_hz in enumerate(rates_hz):
         try:
             served = flown and rate_hz <= spec.rate_hz
-            stride = -i if served else whole_stride(spec.rate_hz, rate_hz, spec.name)
+            of = nearest_stride if isinstance(spec, RecordingSpec) else whole_stride
+            stride = -i if served else of(spec.rate_hz, rate_hz, spec.name)
         except UserError as error:
             lines.append(f"rates_hz[{i}]: {error}")
             continue

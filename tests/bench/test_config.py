@@ -141,10 +141,10 @@ def test_what_would_count_twice_or_share_a_folder_is_refused(tmp_path, old, new,
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "choice"), [(14.0, "15 or 7.5"), (8.0, "15 or 7.5"), (4.0, "5 or 3.75"), (0.98, "1 or 0.9375")]
+    ("rate_hz", "choice"), [(13.5, "15 or 7.5"), (10.0, "15 or 7.5"), (8.5, "15 or 7.5"), (6.0, "7.5 or 5")]
 )
 def test_a_rate_that_no_stride_of_the_sequence_has_is_refused(tmp_path, rate_hz, choice):
-    """It would be scored as that rate, and be another: 14 Hz were 15."""
+    """It would be scored as that rate, and be another: 10 Hz were 7.5."""
     text = GOOD.replace("rates_hz = [15.0]", f"rates_hz = [15.0, {rate_hz}]")
     (line,) = mistakes(tmp_path, text)
     assert line == (
@@ -153,7 +153,7 @@ def test_a_rate_that_no_stride_of_the_sequence_has_is_refused(tmp_path, rate_hz,
     )
 
 
-@pytest.mark.parametrize("rate_hz", [15.0, 7.5, 5.0, 3.0, 1.0, 2.143])
+@pytest.mark.parametrize("rate_hz", [15.0, 7.5, 5.0, 3.0, 1.0, 2.143, 4.0, 0.98])
 def test_a_rate_that_a_stride_has_is_taken(tmp_path, rate_hz):
     path = suite(tmp_path, GOOD.replace("rates_hz = [15.0]", f"rates_hz = [{rate_hz}]"))
     assert load_suite(path).rates_hz == (rate_hz,)
