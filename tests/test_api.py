@@ -257,6 +257,15 @@ def test_a_dict_is_rendered_and_its_frames_have_their_truth(tmp_path, monkeypatc
     assert [run.track(frame.image, frame.stamp_ns).status for frame in again] == ["ok"] * len(again)
 
 
+def test_sequences_of_a_dict_may_have_any_rates(tmp_path):
+    """None is tracked, so none needs a rate in common with another."""
+    flight, camera = {"path": {"kind": "hover", "duration_s": 0.2}}, {"width": 64, "height": 48}
+    one = {"structure": {"kind": "box"}, "environment": {"kind": "studio"}, "flight": flight, "camera": camera}
+    rates = {"default": {}, "ten": {"rate_hz": 10.0}, "odd": {"rate_hz": 29.97}}
+    made = ub.render({"sequences": {name: one | more for name, more in rates.items()}}, out=tmp_path / "out")
+    assert [(sequence.info["rate_hz"], len(sequence)) for sequence in made] == [(15.0, 4), (10.0, 3), (29.97, 6)]
+
+
 def test_mistakes_of_a_dict_are_told_at_once():
     with pytest.raises(ub.UserError, match=r"5 mistakes(.*\n)*.*mean 'structure'(.*\n)*.*mean 'seeds'"):
         ub.render({"sequences": {"box": {"struct": {"kind": "box"}}}, "seed": [1]})

@@ -27,6 +27,10 @@ from uavbench.trajectories.random_streams import stream
 
 KNOWN = Known()
 OnFrame = Callable[[int, TrackResult], None]
+SAME_RATE = 0.01
+"""Relative difference below which two rates count as one: 29.97 Hz is called 30."""
+NEAR_RATE = 0.1
+"""Relative difference below which a stride may be called by a rate, as 3.75 Hz by 4; 7.5 Hz are not called 10."""
 
 
 def track_sequence(
@@ -169,15 +173,45 @@ def within_reach(pose: Pose) -> bool:
 
 
 def stride(sequence: Sequence, rate_hz: float) -> int:
-    """Stride of the frames of a sequence at rate_hz; UserError when rate_hz is out of range."""
+    """The stride of a sequence nearest to rate_hz; UserError as `nearest_stride`, and where it leaves a single one."""
+    sequence_hz = float(sequence.info.get("rate_hz", 0.0))  # the stamps may have jitter
+    if not sequence_hz > 0 and len(sequence) > 1:
+        sequence_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns)))
+    try:
+        step = nearest_stride(sequence_hz or rate_hz, rate_hz, sequence.name)
+    except UserError as error:
+        raise UserError(f"rate_hz: {error}") from None
+    if 1 < len(sequence) <= step:
+        raise UserError(
+            f"rate_hz: {rate_hz:g} Hz: sequence {sequence.name} has {len(sequence)} frames at {sequence_hz:g} Hz, of "
+            f"which only the first would be tracked; choose {sequence_hz / (len(sequence) - 1):.3g} Hz or more, or fly "
+            "longer"
+        )
+    return step
+
+
+def nearest_stride(sequence_hz: float, rate_hz: float, name: str) -> int:
+    """Stride of the frames of a sequence of a name and rate that is nearest to rate_hz.
+
+    UserError for a rate that is not positive, or above that of the sequence by more than SAME_RATE.
+    """
     if not rate_hz > 0:
-        raise UserError(f"rate_hz = {rate_hz}: must be positive")
-    if len(sequence) < 2:
-        return 1
-    sequence_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns)))
-    if rate_hz > sequence_hz * 1.01:
-        raise UserError(f"rate_hz = {rate_hz:g}: sequence {sequence.name} has {sequence_hz:g} Hz only")
-    return max(1, round(sequence_hz / rate_hz))
+        raise UserError(f"{rate_hz:g} Hz: the rate must be positive")
+    if rate_hz > sequence_hz * (1 + SAME_RATE):
+        raise UserError(f"{rate_hz:g} Hz is more than the {sequence_hz:g} Hz of sequence {name}")
+    return max(1, round(min(sequence_hz / rate_hz, 1e9)))
+
+
+def whole_stride(sequence_hz: float, rate_hz: float, name: str) -> int:
+    """The nearest stride; UserError as there, and for a rate that no stride has to within NEAR_RATE."""
+    step = nearest_stride(sequence_hz, rate_hz, name)
+    if abs(sequence_hz / (step * rate_hz) - 1) > NEAR_RATE:
+        below = int(sequence_hz / rate_hz)
+        raise UserError(
+            f"{rate_hz:g} Hz: sequence {name} has {sequence_hz:g} Hz, of which every k-th frame is tracked, k a whole "
+            f"number; choose {sequence_hz / below:g} or {sequence_hz / (below + 1):g} Hz"
+        )
+    return step
 
 
 def make_record(

@@ -48,15 +48,15 @@ class CameraClock:
     def exposures(self, flight: Flight, rate_hz: float, rng: np.random.Generator, offset_s: float = 0.0) -> Exposures:
         """Exposures of a camera at rate_hz, offset_s after those of the main one; pass the same rng for all cameras.
 
-        UserError for a rate above that of the flight's record, and when no frame is left.
+        UserError for a rate above that of the flight's record, and when there are not two frames.
         """
         times = self._times(flight, rate_hz, rng) + max(self.shift_ns, 0) + round(1e9 * offset_s)
         last = int(flight.stamps_ns[-1])
         times = times[times <= last]
-        if not len(times):
+        if len(times) < min(len(flight), 2):
             raise UserError(
-                f"no frame is exposed in the {last / 1e9:g} s of the flight: its timeshift_cam_imu_s or offset_s is "
-                "longer than that; lower it, or fly longer"
+                f"{len(times) or 'no'} frame is exposed in the {last / 1e9:g} s of the flight: its timeshift_cam_imu_s "
+                f"or offset_s leaves no time for two at rate_hz {rate_hz:g}; lower it, or fly longer"
             )
         return Exposures(times_ns=times, stamps_ns=times - self.shift_ns)
 
@@ -67,7 +67,7 @@ class CameraClock:
                 f"rate_hz {rate_hz:g}: the flight has {1e9 / int(stamps[1] - stamps[0]):g} steps a second; choose a "
                 "rate of at most that"
             )
-        times = sample_stamps(flight, rate_hz)
+        times = sample_stamps(flight, rate_hz, "frame")
         if self.jitter_ms > 0.0:
             most = MOST_JITTER * 1e9 / rate_hz
             late = np.clip(1e6 * self.jitter_ms * rng.standard_normal(len(times)), -most, most)

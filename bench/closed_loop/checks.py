@@ -71,7 +71,7 @@ def _check_mount(spec: SequenceSpec, sensors: Collection[str], flight_s: float) 
     if GIMBAL in sensors:
         raise UserError(f"sequence {spec.name}: a sensor has the name {GIMBAL} of the encoders; rename its class")
     try:
-        spec.mount.encoder.check(flight_s)
+        spec.mount.encoder.check(round(1e9 * flight_s))
     except UserError as error:
         raise UserError(f"sequence {spec.name}: gimbal: {error}") from None
 

@@ -25,7 +25,7 @@ from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import named
-from uavbench.trajectories.sensors.sensor import stamps_between
+from uavbench.trajectories.sensors.sensor import check_rate, stamps_between
 from uavbench.trajectories.simulation.flight import begin
 from uavbench.trajectories.simulation.simulate import BLOCK, Simulation
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor
@@ -83,7 +83,9 @@ class Loop:
         self.judge = Judge(pilot.loop.crash, vehicle.radius_m, scene.obstacles)
         self.start_velocity_m_s = simulation.commanded[3:6].copy()
         self.latency_rng = stream(spec.seed, "loop", "latency")
-        self.stamps = stamps_between(0, (simulation.steps - 1) * STEP_NS, pilot.rate_hz).tolist()
+        flown_ns = (simulation.steps - 1) * STEP_NS
+        check_rate(pilot.rate_hz, flown_ns, "frame", "rates_hz")
+        self.stamps = stamps_between(0, flown_ns, pilot.rate_hz).tolist()
         self.exposed_after_ns = exposed_after_ns(spec, camera.source)
         self.frame = 0
         self.busy_until_ns = -1

@@ -23,7 +23,7 @@ from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.gnss import Gnss
-from uavbench.trajectories.sensors.registry import named
+from uavbench.trajectories.sensors.registry import check_sensors, named
 from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, Table, stamps_between
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
@@ -91,6 +91,7 @@ class Sensors:
         true_mount: Callable[[int], Pose],
     ) -> None:
         seed = spec.seed
+        check_sensors(tuple(live(sensor) for sensor in spec.sensors), (steps - 1) * STEP_NS)
         self._live = [
             LiveSensor(name, live(sensor), steps, obstacles, stream(seed, "sensor", name))
             for name, sensor in named(spec.sensors).items()

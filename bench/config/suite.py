@@ -20,7 +20,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Tracker
-from uavbench.tracker.run import KNOWN
+from uavbench.tracker.run import KNOWN, nearest_stride, whole_stride
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
 
@@ -77,12 +77,8 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         line for name, loop in loops.items() if loop is not None for line in loop_mistakes(name, loop, sequences)
     ]
     errors += [
-        f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
-        for spec in sequences
-        for rate in checked.rates_hz
-        if spec is not None and rate > spec.rate_hz
+        line for spec in sequences if spec is not None for line in _rate_mistakes(checked.rates_hz, spec, bool(loops))
     ]
-    errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
     errors += _same_flights([spec for spec in sequences if spec is not None and spec.seed == checked.seeds[0]])
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
@@ -192,15 +188,28 @@ def _repeated(data: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
-    """An error line for each rate that selects the same frames of a sequence as an earlier one."""
-    strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
-    return [
-        f"rates_hz[{i}]: {rate:g} Hz has stride {stride} in sequence {spec.name} ({spec.rate_hz:g} Hz), "
-        f"as has {rates_hz[strides.index(stride)]:g} Hz; remove one"
-        for i, (rate, stride) in enumerate(zip(rates_hz, strides, strict=True))
-        if strides.index(stride) != i and rate <= spec.rate_hz
-    ]
+def _rate_mistakes(rates_hz: list[float], spec: SequenceSpec | RecordingSpec, flown: bool) -> list[str]:
+    """An error line for each rate that no stride of a sequence has, or that selects the same frames as an earlier one.
+
+    The rate of a recording is not the user's choice: the nearest stride of it is taken.
+    flown: whether the suite is flown in closed loop, where frames are exposed at any rate up to the sequence's.
+    """
+    lines: list[str] = []
+    first: dict[int, float] = {}
+    for i, rate_hz in enumerate(rates_hz):
+        try:
+            served = flown and rate_hz <= spec.rate_hz
+            of = nearest_stride if isinstance(spec, RecordingSpec) else whole_stride
+            stride = -i if served else of(spec.rate_hz, rate_hz, spec.name)
+        except UserError as error:
+            lines.append(f"rates_hz[{i}]: {error}")
+            continue
+        if first.setdefault(stride, rate_hz) != rate_hz:
+            lines.append(
+                f"rates_hz[{i}]: {rate_hz:g} Hz has stride {stride} in sequence {spec.name} ({spec.rate_hz:g} Hz), "
+                f"as has {first[stride]:g} Hz; remove one"
+            )
+    return lines
 
 
 def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uavbench.scenes.dataset.contact_sheet import COLUMNS, ROWS, WIDTH_PX
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
 from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
@@ -17,6 +18,7 @@ from uavbench.scenes.structures.checkerboard import Checkerboard
 from uavbench.scenes.structures.truss import Truss
 from uavbench.scenes.structures.wall import Wall
 from uavbench.scenes.world.studio import Studio
+from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.lidar import Lidar2d
@@ -27,7 +29,8 @@ from uavbench.trajectories.sensors.registry import FLIGHT_RATE_HZ
 class FrameBytes:
     """Bytes of a frame's files: per pixel of an image of MEASURED_PX, and of its file of edges as a whole.
 
-    image, noisy: the PNG without and with sensor noise; depth; flow: with occlusion, at MEASURED_HZ; normals; mask.
+    image, noisy: the PNG without and with sensor noise; depth; flow: with occlusion, at MEASURED_HZ; normals; mask;
+    sheet: the contact sheet, per pixel of its images. model: bytes of the model of the default structure.
     """
 
     image: float
@@ -36,17 +39,29 @@ class FrameBytes:
     flow: float
     normals: float
     edges: float
+    sheet: float
+    model: float
     mask: float = 0.007
 
 
 MEASURED_PX, MEASURED_HZ = 640 * 480, 15.0
 MEASURED: Mapping[type, FrameBytes] = {
-    Box: FrameBytes(image=0.98, noisy=1.40, depth=0.21, flow=0.51, normals=0.023, edges=650),
-    Wall: FrameBytes(image=1.45, noisy=1.60, depth=0.07, flow=0.055, normals=0.024, edges=5500),
-    Bridge: FrameBytes(image=1.16, noisy=1.50, depth=0.23, flow=0.38, normals=0.055, edges=25000),
-    Building: FrameBytes(image=1.11, noisy=1.48, depth=0.29, flow=0.24, normals=0.040, edges=17500),
-    Truss: FrameBytes(image=1.18, noisy=1.56, depth=0.36, flow=0.41, normals=0.144, edges=41500),
-    Checkerboard: FrameBytes(image=0.85, noisy=1.40, depth=0.17, flow=0.38, normals=0.023, edges=2000),
+    Box: FrameBytes(image=0.98, noisy=1.40, depth=0.21, flow=0.51, normals=0.023, edges=650, sheet=0.23, model=400),
+    Wall: FrameBytes(
+        image=1.45, noisy=1.60, depth=0.07, flow=0.055, normals=0.024, edges=5500, sheet=0.295, model=21000
+    ),
+    Bridge: FrameBytes(
+        image=1.16, noisy=1.50, depth=0.23, flow=0.38, normals=0.055, edges=25000, sheet=0.315, model=150000
+    ),
+    Building: FrameBytes(
+        image=1.11, noisy=1.48, depth=0.29, flow=0.24, normals=0.040, edges=17500, sheet=0.29, model=77000
+    ),
+    Truss: FrameBytes(
+        image=1.18, noisy=1.56, depth=0.36, flow=0.41, normals=0.144, edges=41500, sheet=0.315, model=45000
+    ),
+    Checkerboard: FrameBytes(
+        image=0.85, noisy=1.40, depth=0.17, flow=0.38, normals=0.023, edges=2000, sheet=0.205, model=400
+    ),
 }
 """Seen by a level camera: means over flights of the suites and over ground, floors and surfaces, indoors and outdoors.
 Depth, flow and normals: means of 2 to 5 flights a structure, 6 frames each; single flights have 0.07 to 0.39 of depth
@@ -56,32 +71,55 @@ DOWN = {"image": 0.013, "noisy": 0.006, "depth": 0.002}
 DOWN_DEG = (-20.0, 40.0)
 """More bytes per pixel for each degree that the camera looks down, onto ground in place of sky or of plain walls, and
 the angles at which box, bridge and building were measured; in a studio there are none."""
-OTHER = FrameBytes(image=1.12, noisy=1.49, depth=0.22, flow=0.33, normals=0.052, edges=15000)
+OTHER = FrameBytes(image=1.12, noisy=1.49, depth=0.22, flow=0.33, normals=0.052, edges=15000, sheet=0.275, model=50000)
 """A model from a file, or a structure of one's own: the mean of the others."""
-STUDIO = {"image": 0.10, "noisy": 1.40, "depth": 0.06}
+STUDIO = {"image": 0.10, "noisy": 1.40, "depth": 0.06, "sheet": 0.05}
 """The same before a plain backdrop: of 0.02 (box) to 0.2 (truss) without noise, and 0.01 to 0.1."""
+NOISY_SHEET = 0.18
+"""Least bytes per pixel of a contact sheet of images with noise, before a plain backdrop."""
 PILOT_FLOW, FLOW_PER_OCTAVE, LEAST_FLOW = 0.15, 0.09, 0.01
 """More flow, per pixel, where a pilot turns the view; where frames are twice as far apart; and of a view at rest."""
 JPEG_IMAGE = 0.85
 """Bytes of a frame that was compressed as JPEG before, over those without noise."""
 FINER = {"image": -0.08, "noisy": -0.04, "depth": -0.29, "flow": -0.05, "normals": -0.38, "mask": -0.45}
-"""Exponents of bytes per pixel over the number of pixels, from 160x120 to 1280x960: borders become fewer."""
-FRAME_ROWS_BYTES, ROW_POSE_BYTES = 800.0, 56.0
-"""Bytes of a frame in tables and manifest with one file per annotation, and of the pose of an image row."""
+"""Exponents of bytes per pixel over the number of pixels, from 64x48 to 1280x960: borders become fewer."""
+SHEET_FINER = 0.07
+"""The same of the contact sheet, whose images are enlarged or reduced to one width, measured from 64x48 to 640x480."""
+FRAME_ROWS_BYTES, LISTED_BYTES, ROW_POSE_BYTES = 380.0, 105.0, 56.0
+"""Bytes of a frame in tables, of each of its files in the manifest, and of the pose of an image row."""
+MOUNT_BYTES, ENCODER_BYTES = 190.0, 140.0
+"""Bytes of a frame in mounts.csv, and of a reading of a gimbal's encoders, of three axes."""
 RAY_BYTES = 16.0
 """Bytes of a lidar ray, measured and true range; a step adds half as much, two stamps and the azimuth."""
-IMU_BYTES, READING_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 264.0, 50.0, 560.0, 0.4e6
-"""Bytes of a reading of the IMU and of other sensors, of a row of flight.csv, and of the model, the contact sheet and
-the records."""
+IMU_BYTES, READING_BYTES, FLIGHT_ROW_BYTES, RECORDS_BYTES = 264.0, 50.0, 560.0, 6e3
+"""Bytes of a reading of the IMU and of other sensors, of a row of flight.csv, and of the records."""
 
 
 def sequence_bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
     """Estimated bytes of a sequence of so many frames of each camera, from a flight of duration_s."""
     lost = sum(float(effect.lost) for effect in spec.effects if isinstance(effect, Drops))
-    main = BodyCamera(name=MAIN, mount=spec.mount, camera=spec.camera)
-    per_frame = sum(_of_a_frame(spec, each) for each in (main, *spec.cameras))
+    cameras = (BodyCamera(name=MAIN, mount=spec.mount, camera=spec.camera), *spec.cameras)
+    taken = frames * (1 - lost)
+    per_frame = sum(_of_a_frame(spec, each) for each in cameras)
     readings = sum(_per_second(sensor) for sensor in spec.sensors)
-    return FIXED_BYTES + frames * (1 - lost) * per_frame + (readings + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ) * duration_s
+    gimbals = [each.mount for each in cameras if isinstance(each.mount, Gimbal)]
+    readings += ENCODER_BYTES * sum(gimbal.encoder.rate_hz for gimbal in gimbals)
+    once = RECORDS_BYTES + _scene(spec, cameras[0]).model + _sheet(spec, cameras[0], taken)
+    return once + taken * per_frame + (readings + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ) * duration_s
+
+
+def _sheet(spec: SequenceSpec, main: BodyCamera, frames: float) -> float:
+    """Bytes of the contact sheet, of images of one width."""
+    camera, found = main.camera, _scene(spec, main).sheet
+    shown_px = min(frames, COLUMNS * ROWS) * WIDTH_PX**2 * camera.height / camera.width
+    least = NOISY_SHEET if _is_noisy(spec) else 0.0
+    size = float(camera.width * camera.height / MEASURED_PX)
+    return float(shown_px * max(found, least) * size**SHEET_FINER)
+
+
+def _is_noisy(spec: SequenceSpec) -> bool:
+    """Whether the sensor or the link adds noise to the images."""
+    return any(isinstance(effect, Noise | AnalogLink) for effect in spec.effects)
 
 
 def _of_a_frame(spec: SequenceSpec, on_body: BodyCamera) -> float:
@@ -91,12 +129,17 @@ def _of_a_frame(spec: SequenceSpec, on_body: BodyCamera) -> float:
     size = pixels / MEASURED_PX
     per_px: dict[str, float] = {name: getattr(scene, name) * size**power for name, power in FINER.items()}
     kinds = {type(effect) for effect in spec.effects}
-    image = per_px["noisy"] if kinds & {Noise, AnalogLink} else per_px["image"]
+    image = per_px["noisy"] if _is_noisy(spec) else per_px["image"]
     if Jpeg in kinds:
         image = JPEG_IMAGE * per_px["image"]
     annotations = sum(per_px.get(name, 0.0) for name in spec.annotations)
-    tables = FRAME_ROWS_BYTES + scene.edges * ("edges" in spec.annotations)
-    return pixels * (image + annotations) + tables + ROW_POSE_BYTES * camera.height * (RollingShutter in kinds)
+    files = 1 + len(spec.annotations) + ("flow" in spec.annotations)
+    tables = FRAME_ROWS_BYTES + LISTED_BYTES * files + scene.edges * ("edges" in spec.annotations)
+    poses = 1
+    if isinstance(on_body.mount, Gimbal):
+        tables, poses = tables + MOUNT_BYTES, 2
+    rows = poses * ROW_POSE_BYTES * camera.height * (RollingShutter in kinds)
+    return pixels * (image + annotations) + tables + rows
 
 
 def _scene(spec: SequenceSpec, on_body: BodyCamera) -> FrameBytes:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.graph import Work
-from uavbench.bench.runner.tasks import Fly, Render, Video
+from uavbench.bench.runner.tasks import Fly, Render, Track, Video
 from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
 from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.gimbal import Gimbal
+from uavbench.trajectories.sensors.registry import check_sensors
+from uavbench.trajectories.sensors.sensor import check_rate
 from uavbench.trajectories.simulation.flight import path_name
 from uavbench.trajectories.simulation.summary import FlightSummary, planned_summary
 
@@ -33,7 +35,7 @@ VIDEO_FRAME_BYTES = 6e4
 class Extent:
     """Size of each sequence or flight of one name, one per seed, or the reason why their path cannot be planned.
 
-    bytes: of one of them, measured on disk if one is there, else estimated.
+    bytes: of one of them, measured on disk if one is there, else estimated. problem: why it cannot be made.
     """
 
     name: str
@@ -49,12 +51,20 @@ def extents(works: Iterable[Work]) -> list[Extent]:
     """Extent of the sequences or flights by name; those that differ only by their seed are planned once."""
     works = list(works)
     videos = {work.flight: work.folder for work in works if isinstance(work, Video)}
+    slowest: dict[Path, float] = {}
+    for work in works:
+        if isinstance(work, Track):
+            slowest[work.sequence] = min(work.rate_hz, slowest.get(work.sequence, math.inf))
     by_name: dict[str, list[Render | Fly]] = {}
     for work in works:
         if isinstance(work, Render | Fly) and isinstance(work.spec, SequenceSpec):
             by_name.setdefault(_name(work), []).append(work)
     plans: dict[str, FlightSummary | str] = {}
-    return [_extent(name, alike, plans, videos) for name, alike in by_name.items()]
+    found = [_extent(name, alike, plans, videos) for name, alike in by_name.items()]
+    return [
+        replace(each, problem=each.problem or _rate_problem(alike[0], each.summary, slowest.get(alike[0].folder)))
+        for each, alike in zip(found, by_name.values(), strict=True)
+    ]
 
 
 def table_of_extents(works: Iterable[Work]) -> str:
@@ -119,6 +129,27 @@ def _extent(
     folders = [done, videos[done]] if done in videos else [done]
     size = float(sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file()))
     return Extent(name, len(alike), frames, plan, size, measured=True)
+
+
+def _rate_problem(work: Render | Fly, planned: FlightSummary | None, tracked_hz: float | None) -> str:
+    """Why a rate does not fit the planned flight, "" if all do; tracked_hz: the lowest at which it is tracked."""
+    spec = work.spec
+    assert isinstance(spec, SequenceSpec) and planned is not None
+    flown_ns = round(1e9 * planned.duration_s)
+    try:
+        if isinstance(work, Fly):
+            check_rate(work.pilot.rate_hz, flown_ns, "frame", "rates_hz")
+        else:
+            check_rate(spec.rate_hz, flown_ns, "frame")
+        if tracked_hz is not None:
+            check_rate(tracked_hz, flown_ns, "frame", "rates_hz")
+        check_sensors(spec.sensors, flown_ns)
+        for mount in (spec.mount, *(camera.mount for camera in spec.cameras)):
+            if isinstance(mount, Gimbal):
+                mount.encoder.check(flown_ns)
+    except UserError as error:
+        return str(error)
+    return ""
 
 
 def _frames(filmed_s: float, rate_hz: float) -> int:

@@ -1,8 +1,10 @@
 """`uavbench.render`: renders the sequences of a suite and opens them."""
 
+import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, nullcontext
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.trajectories.errors import UserError
 
 NOT_RENDERED: dict[str, Any] = {"title": "Sequences of a script", "trackers": {"hold": {"kind": "hold"}}}
@@ -70,7 +73,19 @@ class InProcess(Executor):
 def _suite(given: str | Path | Mapping[str, Any]) -> Suite:
     if not isinstance(given, Mapping):
         return load_suite(suite_file(str(given)))
-    tables = [table for kind in ("sequences", "recordings") for table in dict(given.get(kind, {})).values()]
-    rates = [table["rate_hz"] for table in tables if isinstance(table, Mapping) and "rate_hz" in table]
-    data = {**NOT_RENDERED, "rates_hz": [min(rates, default=SequenceSpec.rate_hz)], **given}
+    usual_hz = {"sequences": SequenceSpec.rate_hz, "recordings": RecordingSpec.rate_hz}
+    rates = [
+        table.get("rate_hz", usual_hz[kind])
+        for kind in usual_hz
+        for table in dict(given.get(kind, {})).values()
+        if isinstance(table, Mapping)
+    ]
+    data = {**NOT_RENDERED, "rates_hz": [_common_rate(rates)], **given}
     return suite_of(data, plugins_named(data, DICT), DICT)
+
+
+def _common_rate(rates_hz: list[Any]) -> float:
+    """Highest rate that a stride of every sequence has; what is no rate is left to the suite's validation."""
+    known = [Fraction(str(rate)) for rate in rates_hz if isinstance(rate, int | float) and 0 < rate < math.inf]
+    denominator = math.lcm(*(rate.denominator for rate in known))
+    return math.gcd(*(int(rate * denominator) for rate in known)) / denominator or SequenceSpec.rate_hz

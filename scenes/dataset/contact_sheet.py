@@ -15,11 +15,15 @@ GREEN = (80, 220, 60)
 WHITE = (255, 255, 255)
 NEAR_M = 0.05
 LEGEND_PX = 28
+COLUMNS, ROWS, WIDTH_PX = 4, 3, 400
+"""Images of a sheet, and the width of each."""
 PIECES = 33
 """Points of the polyline that approximates an edge under lens distortion."""
 
 
-def contact_sheet(sequence: Sequence, columns: int = 4, rows: int = 3, width_px: int = 400) -> NDArray[np.uint8]:
+def contact_sheet(
+    sequence: Sequence, columns: int = COLUMNS, rows: int = ROWS, width_px: int = WIDTH_PX
+) -> NDArray[np.uint8]:
     """Frames (BGR) evenly spread over the sequence, with a legend under them; the right half of each row with edges."""
     count = columns * rows
     frames = np.unique(np.linspace(0, len(sequence) - 1, count).astype(int)).tolist()

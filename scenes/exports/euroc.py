@@ -1,6 +1,6 @@
 """Sequences in the layout of EuRoC's ASL format (Burri et al. 2016): camera, IMUs, and the true state of the body."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_euroc
 
 STATE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz", "vx_m_s", "vy_m_s", "vz_m_s"]
+RATES = ["wx_rad_s", "wy_rad_s", "wz_rad_s"]
 READINGS = [f"w{a}_rad_s" for a in "xyz"] + [f"a{a}_m_s2" for a in "xyz"]
 BIASES = [f"gyro_bias_{a}_rad_s" for a in "xyz"] + [f"accel_bias_{a}_m_s2" for a in "xyz"]
 NOISE = {
@@ -165,6 +166,18 @@ def true_states(sequence: Sequence, columns: int) -> TrueStates:
     stamps = [camera.stamps_ns + sequence.timeshift_cam_imu_ns for camera in each]
     values = np.concatenate([camera.ground_truth_table[:, 2:columns] for camera in each])
     return TrueStates(np.concatenate(stamps), values)
+
+
+def true_state(sequence: Sequence, columns: Iterable[str] = STATE) -> TrueStates:
+    """State at the rows of flight.csv and at the images, in order; columns: STATE, or these and RATES."""
+    columns = list(columns)
+    stamps, values = true_states(sequence, 2 + len(columns))
+    path = sequence.body_folder / "flight.csv"
+    if path.is_file():
+        stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
+        values = np.concatenate([values, read_numbers(path, columns)])
+    stamps, first = np.unique(stamps, return_index=True)
+    return TrueStates(stamps, values[first])
 
 
 def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:

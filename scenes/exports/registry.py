@@ -16,16 +16,16 @@ from uavbench.scenes.exports.colmap import export_colmap
 from uavbench.scenes.exports.croissant import write_croissant
 from uavbench.scenes.exports.euroc import export_euroc, holds_lens
 from uavbench.scenes.exports.kalibr import export_kalibr
+from uavbench.scenes.exports.kitti import export_kitti
 from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
 from uavbench.scenes.exports.ros.bag import BagExport
-from uavbench.scenes.exports.shown_images import Shown, png
+from uavbench.scenes.exports.shown_images import Shown, camera_ground_truth, png
 from uavbench.scenes.image_files import finish_video
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import new_folder, write_text
-from uavbench.trajectories.trajectory import Trajectory
-from uavbench.trajectories.trajectory_files.formats import seconds, write_kitti, write_tum
+from uavbench.trajectories.trajectory_files.formats import seconds, write_tum
 
 OnFrame = Callable[[int, int], None]
 Write = Callable[[Shown, Path, OnFrame], Held]
@@ -146,33 +146,6 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     )
 
 
-def export_kitti(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
-    """`image_2/`, `times.txt`, `calib.txt` and `poses.txt` (`world_from_cam`, not relative to the first frame)."""
-    sequence = shown.sequence
-    (folder / "image_2").mkdir()
-    write_kitti(camera_ground_truth(sequence), folder / "poses.txt")
-    stamps = sequence.stamps_ns.tolist()
-    write_text(folder / "times.txt", "".join(f"{seconds(stamp)}\n" for stamp in stamps))
-    c = shown.camera
-    P = [c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
-    write_text(folder / "calib.txt", "".join(f"P{k}: " + " ".join(map(repr, P)) + "\n" for k in range(4)))
-    for frame in range(len(stamps)):
-        (folder / "image_2" / f"{frame:06d}.png").write_bytes(shown.png(frame))
-        on_frame(frame + 1, len(stamps))
-    files = {
-        "image_2/": "images by number",
-        "poses.txt": "world from camera at each image: 3x4 matrix by rows",
-        "times.txt": "stamps of the images",
-        "calib.txt": "projection matrices, px",
-    }
-    limits = (
-        "Poses: they are in the world, the structure's frame; the first one is not the identity, as it is in KITTI's "
-        "own files.",
-        "Cameras: there is one; P0 to P3 of `calib.txt` are equal, and there is no baseline and no laser scanner.",
-    )
-    return Held(files=files, frames={"poses.txt": "world_from_cam"}, limits=limits)
-
-
 def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     """`video.mp4` (VP9, plays in browsers), with the model's edges drawn in `overlay.mp4`."""
     from uavbench.scenes.dataset.contact_sheet import edges_on
@@ -197,12 +170,6 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
         "Poses and camera are not included; the compression of the video is lossy.",
     )
     return Held(files=files, frames={}, limits=limits)
-
-
-def camera_ground_truth(sequence: Sequence) -> Trajectory:
-    """True `world_from_cam` at each frame."""
-    poses = [sequence.ground_truth.pose(k) @ sequence.cam_from_body_at(k).inverse() for k in range(len(sequence))]
-    return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
 
 
 def pinhole_only(camera: Camera) -> bool:

@@ -17,6 +17,7 @@ from uavbench.scenes.image_files import image_of, load_image
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.trajectory import Trajectory
 
 OUTSIDE = -1e4
 """Sampling position of a pixel outside the field of view of the lens."""
@@ -117,6 +118,12 @@ def write_masks(shown: Shown, folder: Path, name: Callable[[int], str]) -> bool:
         assert mask is not None
         (folder / name(frame)).write_bytes(png(np.where(mask, 255, 0).astype(np.uint8)))
     return True
+
+
+def camera_ground_truth(sequence: Sequence) -> Trajectory:
+    """True `world_from_cam` at each frame."""
+    poses = [sequence.ground_truth.pose(k) @ sequence.cam_from_body_at(k).inverse() for k in range(len(sequence))]
+    return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
 
 
 def png(image: NDArray[Any]) -> bytes:

@@ -41,7 +41,12 @@ def uavbench(*arguments, folder):
             'sensors = [{ kind = "imu" }, { kind = "lidar-2d", rate_hz = 800.0 }]',
             "sequences.box.sensors[1].rate_hz: input should be less than or equal to 500, got 800.0",
         ),
-        ("rate_hz = 2.0", "rates_hz: 5 Hz is more than the 2 Hz of sequence box-s0"),
+        (
+            'sensors = [{ kind = "gnss", rate_hz = 800.0 }]',
+            "sequences.box.sensors[0].rate_hz: input should be less than or equal to 500, got 800.0",
+        ),
+        ("rate_hz = 0.0", "sequences.box.rate_hz: input should be greater than 0, got 0.0"),
+        ("rate_hz = 2.0", "rates_hz[0]: 5 Hz is more than the 2 Hz of sequence box-s0"),
     ],
 )
 def test_mistakes_in_the_file_are_told_before_anything_is_rendered(tmp_path, lines, told):
@@ -67,6 +72,15 @@ FLOWN = {
         'sensors = [{ kind = "lidar-3d", rate_hz = 0.1 }]',
         r"sensors\[0\], lidar-3d: rate_hz 0.1: one reading takes 10 s, and the flight .* s; raise rate_hz, or fly .*",
     ),
+    "gnss": (
+        'sensors = [{ kind = "imu" }, { kind = "gnss", rate_hz = 0.2 }]',
+        r"sensors\[1\], gnss: rate_hz 0.2: one reading takes 5 s, and the flight .* s; raise rate_hz, or fly longer",
+    ),
+    "late": (
+        'cameras = [{ name = "right", offset_s = 9.0 }]',
+        r"sequence late-s0: right: no frame is exposed in the .* s of the flight: its timeshift_cam_imu_s or offset_s "
+        "leaves no time for two at rate_hz 15; lower it, or fly longer",
+    ),
     "encoder": (
         'mount = { kind = "gimbal", encoder = { rate_hz = 0.3 } }',
         r"gimbal of camera: encoder.rate_hz 0.3: one reading takes .* s, and the flight .* s; raise rate_hz, or fly .*",
@@ -77,6 +91,37 @@ FLOWN = {
     ),
 }
 """Sequences that only the flight shows to be impossible, and what is told about each."""
+
+
+SLOW = SUITE.replace("[5.0]", "[0.2]") + SEQUENCE.replace("NAME", "slow") + "rate_hz = 0.2\n"
+"""Of a flight of some 2 s, frames 5 s apart."""
+
+
+def test_a_frame_rate_slower_than_the_flight_is_told_with_the_file_and_the_key(tmp_path):
+    (tmp_path / "bad.toml").write_text(SLOW)
+    told = "rate_hz 0.2: one frame takes 5 s, and the flight .* s; raise rate_hz, or fly longer"
+    dry = uavbench("render", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
+    assert any(re.fullmatch(f"slow: {told}", line) for line in dry.stdout.splitlines()), dry.stdout
+    done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]
+    assert re.fullmatch(f"FAILED render slow-s0 of bad.toml: sequence slow-s0: camera: {told}", line)
+    assert not (tmp_path / "out" / "sequences").exists()
+
+
+def test_a_tracking_rate_slower_than_the_flight_is_told_before_and_after_rendering(tmp_path):
+    (tmp_path / "bad.toml").write_text(SLOW.replace("rate_hz = 0.2\n", "rate_hz = 10.0\n"))
+    dry = uavbench("run", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
+    told = "slow: rates_hz 0.2: one frame takes 5 s, and the flight .* s; raise rates_hz, or fly longer"
+    assert any(re.fullmatch(told, line) for line in dry.stdout.splitlines()), dry.stdout
+    done = uavbench("track", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    told = (
+        r"FAILED track .*hold@0.2hz.* of bad.toml: rate_hz: 0.2 Hz: sequence slow-s0 has .* frames at 10 Hz, of which "
+        "only the first would be tracked; choose .* Hz or more, or fly longer"
+    )
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]
+    assert re.fullmatch(told, line), line
 
 
 def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path):

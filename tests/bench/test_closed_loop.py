@@ -424,6 +424,16 @@ def test_gnss_that_is_denied_during_the_whole_flight_holds_nothing(outages, refu
         assert len(flown(spec, Watching(), **loop).results) > 5
 
 
+@pytest.mark.parametrize(("sensors", "rate_hz", "told"), [
+    ((Imu(), Barometer(rate_hz=0.01)), 15.0, r"sensors\[1\], baro: rate_hz 0.01: one reading takes 100 s, and the fli"),
+    ((Imu(rate_hz=1e12),), 15.0, r"sensors\[0\], imu: at rate_hz 1e\+12 it would have"),
+    ((Imu(),), 0.01, "rates_hz 0.01: one frame takes 100 s, and the flight .* s; raise rates_hz, or fly longer"),
+])  # fmt: skip
+def test_a_rate_that_the_flight_cannot_serve_is_refused(sensors, rate_hz, told):
+    with pytest.raises(UserError, match=told):
+        flown(box(sensors=sensors, rate_hz=rate_hz), Watching(), estimator="truth")
+
+
 def test_loops_that_can_are_not():
     assert check_loop(LoopSpec(sensors=("imu", "flow")), box(sensors=(Imu(), FlowDeck()))) == ("imu", "flow")
     assert check_loop(LoopSpec(estimator="truth", sensors=()), box(sensors=())) == ()

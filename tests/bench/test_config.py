@@ -119,13 +119,13 @@ def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
         ("rates_hz = [15.0]", "rates_hz = [3, 15.0, 3.0]", ["rates_hz[2]: 3"]),
         (
             "rates_hz = [15.0]",
-            "rates_hz = [15.0, 14.0]",
-            ["rates_hz[1]: 14 Hz has stride 1"],
+            "rates_hz = [15.0, 14.9]",
+            ["rates_hz[1]: 14.9 Hz has stride 1"],
         ),
         (
             "rates_hz = [15.0]",
-            "rates_hz = [7.5, 5, 8]",
-            ["rates_hz[2]: 8 Hz has stride 2"],
+            "rates_hz = [7.5, 5, 7.45]",
+            ["rates_hz[2]: 7.45 Hz has stride 2"],
         ),
         ("rates_hz = [15.0]", 'rates_hz = [15.0]\nprotocols = ["reset", "reset"]', ["protocols[1]: 'reset'"]),
         ("[sequences.box]", "[sequences.Box]", ["sequences.Box"]),
@@ -138,6 +138,33 @@ def test_what_would_count_twice_or_share_a_folder_is_refused(tmp_path, old, new,
     assert len(lines) == len(told)
     for line, start in zip(lines, told, strict=True):
         assert line.startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "choice"), [(13.5, "15 or 7.5"), (10.0, "15 or 7.5"), (8.5, "15 or 7.5"), (6.0, "7.5 or 5")]
+)
+def test_a_rate_that_no_stride_of_the_sequence_has_is_refused(tmp_path, rate_hz, choice):
+    """It would be scored as that rate, and be another: 10 Hz were 7.5."""
+    text = GOOD.replace("rates_hz = [15.0]", f"rates_hz = [15.0, {rate_hz}]")
+    (line,) = mistakes(tmp_path, text)
+    assert line == (
+        f"rates_hz[1]: {rate_hz:g} Hz: sequence box-s0 has 15 Hz, of which every k-th frame is tracked, k a whole "
+        f"number; choose {choice} Hz"
+    )
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 7.5, 5.0, 3.0, 1.0, 2.143, 4.0, 0.98])
+def test_a_rate_that_a_stride_has_is_taken(tmp_path, rate_hz):
+    path = suite(tmp_path, GOOD.replace("rates_hz = [15.0]", f"rates_hz = [{rate_hz}]"))
+    assert load_suite(path).rates_hz == (rate_hz,)
+
+
+def test_a_flight_in_closed_loop_exposes_at_any_rate_up_to_the_sequences(tmp_path):
+    flown = GOOD.replace("rates_hz = [15.0]", "rates_hz = [14.0, 13.5]") + "[loop]\n"
+    assert load_suite(suite(tmp_path, flown)).rates_hz == (14.0, 13.5)
+    assert mistakes(tmp_path, flown.replace("13.5", "15.5")) == [
+        "rates_hz[1]: 15.5 Hz is more than the 15 Hz of sequence box-s0"
+    ]
 
 
 @pytest.mark.parametrize("seeds", ["", "seeds = [4, 5]\n"])

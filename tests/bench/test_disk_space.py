@@ -41,6 +41,10 @@ SWITCHED_ON = {
     "a stereo rig": {"annotations": ALL, "cameras": [RIGHT]},
     "a view from above": {"mount": {"pitch_deg": -30.0}},
     "a lidar": {"sensors": [{"kind": "lidar-2d", "rate_hz": 20.0}]},
+    "little": {"camera": {"width": 64, "height": 48}},
+    "little, and all": {"camera": {"width": 64, "height": 48}, "annotations": ALL, "effects": [{"kind": "noise"}]},
+    "little, and a backdrop": {"camera": {"width": 96, "height": 72}, "environment": {"kind": "studio"}},
+    "a gimbal": {"camera": {"width": 96, "height": 72}, "mount": {"kind": "gimbal", "encoder": {"rate_hz": 500.0}}},
 }
 CASES = [
     *(("box", on) for on in SWITCHED_ON),
@@ -49,6 +53,8 @@ CASES = [
     ("building", "nothing"),
     ("building", "a stereo rig"),
     ("building", "a view from above"),
+    ("bridge", "little"),
+    ("building", "little, and all"),
 ]
 
 
@@ -79,6 +85,17 @@ def test_each_annotation_counts_for_each_camera(name):
     ]
     assert more[0] > 0
     assert more[1] == pytest.approx(2 * more[0])
+
+
+def test_a_contact_sheet_has_a_dozen_images_and_is_less_of_a_plain_backdrop():
+    spec = spec_of("box", camera={"width": 64, "height": 48})
+    studio = replace(spec, environment=spec_of("box", environment={"kind": "studio"}).environment)
+    noisy = spec_of("box", camera={"width": 64, "height": 48}, environment={"kind": "studio"}, **SWITCHED_ON["noise"])
+    told = [sequence_bytes(spec, frames, 1.0) for frames in (1, 2, 12, 13, 14)]
+    each, after = told[1] - told[0], told[4] - told[3]
+    assert told[2] - told[1] == pytest.approx(10 * each) and told[3] - told[2] == pytest.approx(after)
+    assert each - after > 3 * after  # a frame of 64x48 has 4 kB, on the sheet 20
+    assert sequence_bytes(studio, 12, 1.0) < 0.6 * sequence_bytes(noisy, 12, 1.0) < sequence_bytes(spec, 12, 1.0)
 
 
 def test_frames_further_apart_have_more_flow_and_a_studio_less_of_an_image():

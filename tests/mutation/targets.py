@@ -68,6 +68,16 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("scenes/exports/kalibr.py", "scenes/test_cameras", "scenes/test_rig_exports"),
         *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),
+        _target(
+            "scenes/exports/kitti.py",
+            "scenes/test_laser_exports",
+            "scenes/test_exports",
+            "scenes/test_exports_by_own_readers",
+        ),
+        *(
+            _target(f"scenes/exports/{name}.py", "scenes/test_laser_exports")
+            for name in ("laser_readings", "ros/laser_messages")
+        ),
         *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman", "matches")),
         _target("scenes/png/encoder.py", "scenes/test_png"),
         _target("trajectories/kernels/equal_bytes.py", "trajectories/test_equal_bytes"),

@@ -43,7 +43,8 @@ GNSS = '{ kind = "gnss", north_deg = 30.0, rate_hz = 10.0 },'
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    text = PLAIN.replace('{ kind = "baro" },', f'{{ kind = "baro" }}, {GNSS}')
+    text = PLAIN.replace('{ kind = "baro" },', f'{{ kind = "baro", noise_pa = 1.5 }}, {GNSS}')
+    text = text.rstrip().removesuffix("]") + '{ kind = "flow" }]\n'
     return rendered(tmp_path_factory.mktemp("plain"), text)
 
 
@@ -113,7 +114,7 @@ def xyz(v):
 def test_topics_are_recorded_when_their_headers_say_and_in_order(messages):
     assert set(messages) == {
         "/tf_static", "/tf", "/odom", "/camera/camera_info", "/camera/image_raw", "/camera/image_raw/compressed",
-        "/imu/data_raw", "/imu_bmi088/data_raw", "/gnss/fix",
+        "/imu/data_raw", "/imu_bmi088/data_raw", "/gnss/fix", "/baro/pressure",
     }  # fmt: skip
     for name, found in messages.items():
         times = [time for time, _ in found]
@@ -179,12 +180,13 @@ def test_the_static_tree_is_the_mounts_of_the_suite(plain, messages):
         each.child_frame_id: matrix(each.transform.translation, each.transform.rotation) for each in message.transforms
     }
     assert all(each.header.frame_id == "base_link" for each in message.transforms)
-    assert set(found) == {"camera_optical_frame", "imu_link", "imu_bmi088_link", "gnss_link"}
+    assert set(found) == {"camera_optical_frame", "imu_link", "imu_bmi088_link", "gnss_link", "baro_link"}
     np.testing.assert_allclose(found["camera_optical_frame"], np.linalg.inv(cam_from_body(plain)), atol=1e-14)
     expected = np.eye(4)
     expected[:3, 3] = suite(plain)["sensors"][2]["offset_m"]
     np.testing.assert_array_equal(found["imu_bmi088_link"], expected)
     np.testing.assert_array_equal(found["imu_link"], np.eye(4))
+    np.testing.assert_array_equal(found["baro_link"], np.eye(4))
 
 
 @pytest.mark.parametrize(("topic", "file", "number"), [("imu_bmi088", "imu-bmi088.csv", 2), ("imu", "imu.csv", 3)])
@@ -207,6 +209,13 @@ def test_imus_are_those_of_the_sequence(plain, messages, topic, file, number):
             (said.linear_acceleration_covariance, defaults["accel_noise_m_s2_sqrt_hz"]),
         ):
             np.testing.assert_allclose(np.reshape(covariance, (3, 3)), density**2 * rate_hz * np.eye(3), rtol=1e-12)
+
+
+def test_pressures_are_those_of_the_barometer(plain, messages):
+    found = messages["/baro/pressure"]
+    assert [time for time, _ in found] == stamps(plain / "baro.csv")
+    for (_, said), (pressure,) in zip(found, numbers(plain / "baro.csv", "pressure_pa"), strict=True):
+        assert (said.fluid_pressure, said.variance, said.header.frame_id) == (pressure, 1.5**2, "baro_link")
 
 
 def ecef(latitude_deg, longitude_deg, height_m):
@@ -355,7 +364,15 @@ def test_settings_of_bags_are_refused_elsewhere(plain, tmp_path):
 
 def test_what_a_bag_lacks_is_told(bag):
     said = notes(bag)
-    for word in ("`baro.csv`", "`depth/`", "`mask/`", "true biases of `imu.csv`", "not from 1970", "thrusts and wind"):
+    for word in (
+        "Sensor readings: `flow.csv`",
+        "the height of `baro.csv`",
+        "`depth/`",
+        "`mask/`",
+        "true biases of `imu.csv`",
+        "not from 1970",
+        "thrusts and wind",
+    ):
         assert word in said
     assert "angular rates" not in said
     assert json.loads((bag / "export.json").read_text())["frames"] in (

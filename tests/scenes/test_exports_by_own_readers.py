@@ -280,7 +280,8 @@ def test_tum(plain, tmp_path):
         far, measured = far + int((~near).sum()), measured + int((true_mm > 0).sum())
     assert far > 0
     assert f"{100 * far / measured:.1f} % of the measured pixels are further away and are 0" in notes(tum)
-    assert all(f"`{name}`" in notes(tum) for name in ("imu.csv", "imu-bmi088.csv", "baro.csv"))
+    assert all(f"`{name}`" in notes(tum) for name in ("imu.csv", "imu-bmi088.csv", "baro.csv", "mask/"))
+    assert "Annotations: `depth/`" not in notes(tum)
 
 
 def test_kitti(plain, tmp_path):

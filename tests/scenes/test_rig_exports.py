@@ -281,6 +281,22 @@ def test_the_other_camera_alone_is_that_of_the_toml_with_its_lens(rig, format, r
     check({"right": found}, folder, ["right"], format)
 
 
+@pytest.mark.parametrize("rig", ["fixed", "gimbal"])
+def test_kittis_tr_is_the_lidar_in_the_camera_that_is_exported(rig, request, tmp_path):
+    folder = request.getfixturevalue(rig)
+    sensor = suite(folder)["sensors"][2]
+    body_from_lidar = placed(turned(sensor), sensor["offset_m"])
+    for name in NAMES:
+        out = exported(folder, "kitti", tmp_path / name, name, undistort=True)
+        rows = dict(line.split(maxsplit=1) for line in (out / "calib.txt").read_text().splitlines())
+        fixed = name == "right" or rig == "fixed"
+        assert ("Tr:" in rows) == fixed == (out / "velodyne").is_dir()
+        if fixed:
+            expected = np.linalg.inv(on_body(folder, name)[0]) @ body_from_lidar
+            found = np.array(rows["Tr:"].split(), dtype=float).reshape(3, 4)
+            np.testing.assert_allclose(found, expected[:3], atol=1e-12)
+
+
 @pytest.mark.parametrize("format", ["tum", "kitti", "bop", "mcap", "colmap", "transforms", "euroc"])
 def test_undistorted_views_are_those_of_the_pinhole_with_the_same_matrix(format, fixed, tmp_path):
     if format in ("tum", "kitti", "bop"):
@@ -336,7 +352,7 @@ def test_bags_have_the_mounts_of_the_toml_and_the_encoders_readings(format, gimb
     still = {
         each.child_frame_id: matrix(each.transform.translation, each.transform.rotation) for each in message.transforms
     }
-    assert set(still) == {"imu_link", "right_optical_frame"}
+    assert set(still) == {"imu_link", "right_optical_frame", "range_finder_link", "lidar_3d_link"}
     np.testing.assert_allclose(
         still["imu_link"], placed(np.eye(3), suite(gimbal)["sensors"][0]["offset_m"]), atol=1e-15
     )
@@ -427,9 +443,11 @@ def test_what_a_format_cannot_hold_of_the_rig_is_told(format, fixed, tmp_path):
     out = exported(fixed, format, tmp_path / "out")
     readme = next(path for path in (out / "README.md", out / "dataset_info.md") if path.is_file()).read_text()
     assert all(f"- {line}" in readme.splitlines() for line in json.loads((out / "export.json").read_text())["not_held"])
-    held = {"imu.csv"} if format in ("euroc", "mcap", "rosbag2") else set()
-    for file in {"imu.csv", "range-finder.csv", "lidar-3d.npy"} - held:
-        assert f"`{file}`" in notes(out)
+    files = {"imu.csv", "range-finder.csv", "lidar-3d.npy"}
+    held = {"euroc": {"imu.csv"}, "mcap": files, "rosbag2": files, "kitti": {"lidar-3d.npy"}}.get(format, set())
+    for file in files:
+        told = f"`{file}`" if format == "kalibr" else f"Sensor readings: `{file}` ("
+        assert (told in notes(out)) == (file not in held)
     assert ("t_imu = t_cam + 0.03 s" in notes(out)) == (format != "kalibr")
     assert ("have no time stamps" in notes(out)) == (format in ("bop", "colmap"))
 

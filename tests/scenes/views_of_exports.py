@@ -79,6 +79,8 @@ def of_tum(folder: Path) -> Views:
 
 def of_kitti(folder: Path) -> Views:
     lines = {row[0]: np.array(row[1:], dtype=float).reshape(3, 4) for row in rows_of(folder / "calib.txt")}
+    assert ("Tr:" in lines) == (folder / "velodyne").is_dir()
+    lines.pop("Tr:", None)
     assert not any(P[:, 3].any() for P in lines.values()), "one camera has no baseline"
     times, poses = rows_of(folder / "times.txt"), rows_of(folder / "poses.txt")
     found = []

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.registry import TRACKERS
 from uavbench.tracker.results import Results
-from uavbench.tracker.run import track_sequence
+from uavbench.tracker.run import stride, track_sequence
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
@@ -111,10 +112,24 @@ def test_lsd_follows_the_box(sequence):
 
 def test_every_kth_frame_is_taken(sequence):
     assert track_sequence(Hold(), sequence, rate_hz=5, seed=0).frames.tolist() == [0, 3, 6, 9]
-    with pytest.raises(UserError, match="rate_hz"):
-        track_sequence(Hold(), sequence, rate_hz=30, seed=0)
-    with pytest.raises(UserError, match="rate_hz"):
-        track_sequence(Hold(), sequence, rate_hz=0, seed=0)
+    assert track_sequence(Hold(), sequence, rate_hz=15 / 11, seed=0).frames.tolist() == [0, 11]
+    for rate_hz, told in (
+        (30, "rate_hz: 30 Hz is more than the 15 Hz of sequence orbit"),
+        (0, "rate_hz: 0 Hz: the rate must be positive"),
+        (
+            1.25,
+            "rate_hz: 1.25 Hz: sequence orbit has 12 frames at 15 Hz, of which only the first would be tracked; choo",
+        ),
+    ):
+        with pytest.raises(UserError, match=told):
+            track_sequence(Hold(), sequence, rate_hz=rate_hz, seed=0)
+
+
+def test_the_rate_of_a_sequence_is_the_one_of_its_record_whatever_its_jitter(sequence):
+    late = np.resize([0, 10_000_000, 30_000_000], 12)
+    jittered = replace(sequence, stamps_ns=sequence.stamps_ns + late, info={**sequence.info, "rate_hz": 15.0})
+    assert abs(1e9 / np.median(np.diff(jittered.stamps_ns)) / 15 - 1) > 0.1
+    assert [stride(jittered, rate_hz) for rate_hz in (15, 7.5, 5, 3)] == [1, 2, 3, 5]
 
 
 def test_hold_stays_at_the_first_pose(sequence):

@@ -65,7 +65,23 @@ def test_jitter_leaves_frames_in_order_and_within_the_flight() -> None:
 def test_a_camera_that_exposes_after_the_flight_only_is_refused() -> None:
     with pytest.raises(UserError, match="no frame is exposed in the 4 s of the flight"):
         stamps(15.0, offset_s=4.1)
-    assert stamps(15.0, offset_s=4.0) == [4_000_000_000]
+    for offset_s in (3.95, 4.0):
+        with pytest.raises(UserError, match=r"1 frame is exposed in the 4 s .* leaves no time for two at rate_hz 15"):
+            stamps(15.0, offset_s=offset_s)
+    assert stamps(16.0, offset_s=3.9375) == [3_937_500_000, 4_000_000_000]
+
+
+@pytest.mark.parametrize("clock", [{}, {"jitter_ms": 2.0}])
+def test_a_rate_slower_than_the_flight_is_refused(clock: dict[str, float]) -> None:
+    assert len(stamps(0.25, **clock)) == 2
+    with pytest.raises(UserError, match=r"^rate_hz 0.2: one frame takes 5 s, and the flight 4 s; raise rate_hz, or"):
+        stamps(0.2, **clock)
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -15.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_refused(rate_hz: float) -> None:
+    with pytest.raises(UserError, match=r"^rate_hz (inf: the flight has 500 steps|.*: is not a positive number; give)"):
+        stamps(rate_hz)
 
 
 def test_a_rate_above_that_of_the_steps_is_refused() -> None:

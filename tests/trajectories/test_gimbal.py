@@ -328,9 +328,9 @@ def test_a_gimbal_at_rest_has_the_angles_of_its_commands_as_far_as_the_stops_all
 
 
 def test_encoders_that_read_once_in_a_flight_are_refused():
-    Encoder(rate_hz=0.25).check(4.0)
+    Encoder(rate_hz=0.25).check(4_000_000_000)
     with pytest.raises(UserError, match=r"rate_hz 0\.25: one reading takes 4 s, and the flight 3\.9 s"):
-        Encoder(rate_hz=0.25).check(3.9)
+        Encoder(rate_hz=0.25).check(3_900_000_000)
 
 
 @pytest.mark.parametrize("axes", ["yaw-roll-pitch", "roll-pitch"])

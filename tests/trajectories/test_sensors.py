@@ -216,3 +216,26 @@ def test_samples_between_rows_are_linear_and_on_rows_exact() -> None:
     np.testing.assert_allclose(sampled(FLIGHT, ramp, stamps)[:, 0], stamps / 1e9, atol=1e-15)
     on_rows = sample_stamps(FLIGHT, 250.0)
     np.testing.assert_array_equal(sampled(FLIGHT, FLIGHT.positions_m, on_rows), FLIGHT.positions_m[::2])
+
+
+@pytest.mark.parametrize("name", sorted(SENSORS))
+def test_a_rate_that_the_flight_cannot_serve_is_refused_of_every_sensor(name: str) -> None:
+    flight, kind = standing(1.0), SENSORS[name]
+    spare = {"step_deg": 60.0} if "lidar" in name else {}
+    at = [kind(rate_hz=rate_hz, **spare) for rate_hz in (1.0, 0.9, 0.0, -5.0)]  # type: ignore[call-arg]
+    assert len(measure((at[0],), flight, BOX, 0)[name].stamps_ns) > 1
+    for sensor, told in zip(
+        at[1:],
+        (
+            r"rate_hz 0\.9: one reading takes 1\.11111 s, and the flight 1 s; raise rate_hz, or fly longer",
+            "rate_hz 0: is not a positive number; give the readings per second",
+            "rate_hz -5: is not a positive number; give the readings per second",
+        ),
+        strict=True,
+    ):
+        with pytest.raises(UserError, match=rf"^sensors\[1\], {name}: {told}$"):
+            measure((Barometer() if name != "baro" else Gnss(), sensor), flight, BOX, 0)
+
+
+def test_a_flight_that_a_crash_ends_at_once_has_a_record() -> None:
+    assert len(flight_table(standing(0.004)).stamps_ns) == 1

@@ -9,8 +9,9 @@ from typing import Any
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import BAG_METADATA, MOST_CHUNK_BYTES
 
-DISTRIBUTION = "ROS2_HUMBLE"
-"""ROS 2 distribution of the message definitions: the oldest one maintained; later ones have the same fields."""
+DISTRIBUTION = "ROS2_JAZZY"
+"""ROS 2 distribution of the message definitions: that of the metadata that bags are written with; later ones have the
+same fields. Of the types that are written or read, Humble lacks `variance` of Range."""
 
 
 def rosbags(module: str) -> Any:

@@ -7,11 +7,10 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Interval
 
-from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.sensor import Table, sample_stamps
+from uavbench.trajectories.sensors.sensor import Table, check_rate, sample_stamps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +43,7 @@ class Encoder:
 
         UserError for a rate at which the flight contains a single reading.
         """
-        self.check(float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9)
+        self.check(int(flight.stamps_ns[-1] - flight.stamps_ns[0]))
         stamps = sample_stamps(flight, self.rate_hz)
         true = motion.angles(stamps)
         read = EncoderReader(self, len(stamps), rng).read(true)
@@ -52,13 +51,9 @@ class Encoder:
         columns = (*(f"{joint}_rad" for joint in joints), *(f"true_{joint}_rad" for joint in joints))
         return Table(columns, stamps, np.hstack([read[:, there], true[:, there]]))
 
-    def check(self, flown_s: float) -> None:
-        """UserError for a rate at which a flight of a duration in s contains a single reading."""
-        if flown_s > 0 and self.rate_hz * flown_s < 1:
-            raise UserError(
-                f"encoder.rate_hz {self.rate_hz:g}: one reading takes {1 / self.rate_hz:g} s, and the flight "
-                f"{flown_s:g} s; raise rate_hz, or fly longer"
-            )
+    def check(self, flown_ns: int) -> None:
+        """UserError for a rate at which a flight of a duration in ns contains a single reading."""
+        check_rate(self.rate_hz, flown_ns, key="encoder.rate_hz")
 
 
 class EncoderReader:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
@@ -28,7 +28,7 @@ class Barometer:
 
     measured: ClassVar[tuple[str, ...]] = ("pressure_pa", "height_m")
 
-    rate_hz: Annotated[float, Gt(0)] = 50.0
+    rate_hz: Annotated[float, Gt(0), Le(500)] = 50.0
     noise_pa: Annotated[float, Ge(0)] = 1.0
     drift_pa: Annotated[float, Ge(0)] = 0.0
     drift_s: Annotated[float, Gt(0)] = 120.0

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval
+from annotated_types import Ge, Gt, Interval, Le
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
@@ -45,7 +45,7 @@ class Gnss:
         "satellites", "pdop", "px_m", "py_m", "pz_m", "vx_m_s", "vy_m_s", "vz_m_s",
     )  # fmt: skip
 
-    rate_hz: Annotated[float, Gt(0)] = 5.0
+    rate_hz: Annotated[float, Gt(0), Le(500)] = 5.0
     mask_deg: Annotated[float, Interval(ge=0, lt=90)] = 10.0
     slow_m: Annotated[float, Ge(0)] = 1.0
     slow_s: Annotated[float, Gt(0)] = 300.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
@@ -31,7 +31,7 @@ class FlowDeck:
 
     measured: ClassVar[tuple[str, ...]] = ("dx_px", "dy_px", "range_m")
 
-    rate_hz: Annotated[float, Gt(0)] = 50.0
+    rate_hz: Annotated[float, Gt(0), Le(500)] = 50.0
     pixels: Annotated[float, Gt(0)] = 35.0
     aperture_rad: Annotated[float, Gt(0)] = 0.71674
     flow_noise_px: Annotated[float, Ge(0)] = 0.25

@@ -11,7 +11,7 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_exp, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import sampled
+from uavbench.trajectories.sensors.sensor import check_rate, sampled
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -67,12 +67,7 @@ class LaserRanging:
 
     def check(self, flight: Flight, obstacles: "ObstacleMesh") -> None:
         """UserError when the sensor is inside the structure or under the floor, or its rate does not fit the flight."""
-        flown_s = float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
-        if len(flight) > 1 and self.rate_hz * flown_s < 1:
-            raise UserError(
-                f"rate_hz {self.rate_hz:g}: one reading takes {1 / self.rate_hz:g} s, and the flight {flown_s:g} s; "
-                "raise rate_hz, or fly longer"
-            )
+        check_rate(self.rate_hz, int(flight.stamps_ns[-1] - flight.stamps_ns[0]))
         stamps = flight.stamps_ns[::EVERY]
         places = self.places(flight, stamps)
         inside = obstacles.inside(places) | (places[:, 2] <= 0)

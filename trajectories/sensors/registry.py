@@ -15,7 +15,14 @@ from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 from uavbench.trajectories.sensors.lidar import Lidar2d, Lidar3d
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.range_finder import RangeFinder
-from uavbench.trajectories.sensors.sensor import SensorSpec, Table, sample_stamps, write_records, write_table
+from uavbench.trajectories.sensors.sensor import (
+    SensorSpec,
+    Table,
+    check_rate,
+    stamps_between,
+    write_records,
+    write_table,
+)
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -26,7 +33,8 @@ FLIGHT_RATE_HZ = 100.0
 
 def flight_table(flight: Flight) -> Table:
     """Ground truth of a flight at FLIGHT_RATE_HZ, rows of its record: motion, motors and wind."""
-    rows = np.flatnonzero(np.isin(flight.stamps_ns, sample_stamps(flight, FLIGHT_RATE_HZ)))
+    first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
+    rows = np.flatnonzero(np.isin(flight.stamps_ns, stamps_between(first, last, FLIGHT_RATE_HZ)))
     groups = (
         ("p", "m", "xyz", flight.positions_m),
         ("q", "", "wxyz", flight.quaternions_wxyz),
@@ -48,22 +56,33 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "Obstacl
     Every sensor has a random stream of its own name, so adding one never changes another's readings. UserError naming
     the sensor that cannot measure on this flight.
     """
+    check_sensors(sensors, int(flight.stamps_ns[-1] - flight.stamps_ns[0]))
     tables = {}
     for number, (name, sensor) in enumerate(named(sensors).items()):
         try:
-            _check_rows(sensor, flight)
             tables[name] = sensor.measure(flight, obstacles, stream(seed, "sensor", name))
         except UserError as error:
             raise UserError(f"sensors[{number}], {name}: {error}") from None
     return tables
 
 
-def _check_rows(sensor: SensorSpec, flight: Flight) -> None:
-    """UserError for more readings than a table may have, before memory is allocated."""
-    rate_hz = float(getattr(sensor, "rate_hz", 0.0))
-    rows = rate_hz * float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
-    if rows > MOST_ROWS:
-        raise UserError(f"at rate_hz {rate_hz:g} it would have {rows:.3g} readings; a table has at most {MOST_ROWS:,}")
+def check_sensors(sensors: tuple[SensorSpec, ...], flown_ns: int) -> None:
+    """UserError naming the sensor of which a flight of a duration in ns has one reading, or more than a table may have.
+
+    It needs no memory for the readings. A sensor without `rate_hz` has its own rate.
+    """
+    for number, (name, sensor) in enumerate(named(sensors).items()):
+        if not hasattr(sensor, "rate_hz"):
+            continue
+        rate_hz = float(sensor.rate_hz)
+        try:
+            check_rate(rate_hz, flown_ns)
+            if (rows := rate_hz * flown_ns / 1e9) > MOST_ROWS:
+                raise UserError(
+                    f"at rate_hz {rate_hz:g} it would have {rows:.3g} readings; a table has at most {MOST_ROWS:,}"
+                )
+        except UserError as error:
+            raise UserError(f"sensors[{number}], {name}: {error}") from None
 
 
 def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:

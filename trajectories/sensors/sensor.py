@@ -1,5 +1,6 @@
 """Interface of body sensors: parameters, and `measure`, from a flight to a table of measurements."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file, write_text
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, read_only
@@ -86,9 +88,28 @@ class RowByRow:
         return self._readings(flight, stamps_ns, self._noise[first : self._done])
 
 
-def sample_stamps(flight: Flight, rate_hz: float) -> NDArray[np.int64]:
-    """Stamps (n,) of a sensor at rate_hz from the flight's first row to its last, to the nearest nanosecond each."""
-    return stamps_between(int(flight.stamps_ns[0]), int(flight.stamps_ns[-1]), rate_hz)
+def sample_stamps(flight: Flight, rate_hz: float, what: str = "reading") -> NDArray[np.int64]:
+    """Stamps (n,) of a sensor at rate_hz from the flight's first row to its last, to the nearest nanosecond each.
+
+    UserError as `check_rate`.
+    """
+    first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
+    check_rate(rate_hz, last - first, what)
+    return stamps_between(first, last, rate_hz)
+
+
+def check_rate(rate_hz: float, flown_ns: int, what: str = "reading", key: str = "rate_hz") -> None:
+    """UserError for a rate that is not positive, or at which a flight of a duration in ns contains only its first one.
+
+    what: what is taken at the rate; key: its name in the suite. A flight of a single row (0 ns) has one of everything.
+    """
+    if not 0 < rate_hz < math.inf:
+        raise UserError(f"{key} {rate_hz:g}: is not a positive number; give the {what}s per second")
+    if 0 < flown_ns < Fraction(10**9) / Fraction(str(rate_hz)):
+        raise UserError(
+            f"{key} {rate_hz:g}: one {what} takes {1 / rate_hz:g} s, and the flight {flown_ns / 1e9:g} s; raise "
+            f"{key.rpartition('.')[2]}, or fly longer"
+        )
 
 
 def stamps_between(first: int, last: int, rate_hz: float) -> NDArray[np.int64]:

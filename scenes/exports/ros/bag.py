@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from uavbench.scenes.dataset.body import GIMBAL, gimbal_joints
-from uavbench.scenes.exports.euroc import body_from_imu, imus_of
+from uavbench.scenes.exports.euroc import RATES, STATE, body_from_imu, imus_of, true_state
+from uavbench.scenes.exports.laser_readings import Laser, Lidar, lidars_of, range_finders_of
 from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.ros import bag_messages as messages
+from uavbench.scenes.exports.ros import laser_messages
 from uavbench.scenes.exports.ros.bag_messages import Stamped, link_of, ros_name
 from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.scenes.exports.ros.gimbal_messages import joint_states, moving_extrinsics
@@ -47,7 +49,7 @@ class BagExport:
     datum: Datum | None = None
 
     def __call__(self, shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
-        """Write `bag.mcap` or `bag/`: images, camera, IMUs, GNSS fixes, and the true odometry and transforms."""
+        """Write `bag.mcap` or `bag/`: images, camera, readings of sensors, and the true odometry and transforms."""
         content = Content(shown, self.images, self.datum)
         topics = list(content.topics())
         try:
@@ -67,7 +69,7 @@ class BagExport:
         return Held(
             files=files,
             frames={} if shown.sequence.recorded else {name: "world_from_body"},
-            sensors=(*content.imus, *content.receivers, *content.gimbals),
+            sensors=content.sensors,
             limits=tuple(content.limits()),
             angular_rates=True,
             moving_mounts=True,
@@ -106,15 +108,40 @@ class Content:
     @cached_property
     def receivers(self) -> dict[str, dict[str, Any]]:
         """Parameters of the GNSS receivers by their files."""
-        sequence, folder = self.shown.sequence, self.shown.sequence.body_folder
-        heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables_of(sequence)}
-        return {name: each for name, each in tables_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])}
+        return self._tables_with({*messages.FIX, "pdop"})
+
+    @cached_property
+    def barometers(self) -> dict[str, dict[str, Any]]:
+        """Parameters of the barometers by their files."""
+        return self._tables_with({messages.PRESSURE})
+
+    def _tables_with(self, columns: set[str]) -> dict[str, dict[str, Any]]:
+        """Parameters of the sensors whose tables have some columns, by their files."""
+        folder, tables = self.shown.sequence.body_folder, tables_of(self.shown.sequence)
+        heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables}
+        return {name: each for name, each in tables.items() if columns <= set(heads[name])}
 
     @cached_property
     def gimbals(self) -> dict[str, list[str]]:
         """Joints of the gimbals by the files of their encoders' readings."""
         tables = tables_of(self.shown.sequence)
         return {name: gimbal_joints(each) for name, each in tables.items() if each.get("kind") == GIMBAL}
+
+    @cached_property
+    def range_finders(self) -> dict[str, Laser]:
+        """The laser range finders by their files."""
+        return range_finders_of(self.shown.sequence)
+
+    @cached_property
+    def lidars(self) -> dict[str, Lidar]:
+        """The lidars by their files."""
+        return lidars_of(self.shown.sequence)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Files of readings that the bag has."""
+        on_body = (self.imus, self.receivers, self.barometers, self.range_finders, self.lidars, self.gimbals)
+        return tuple(file for found in on_body for file in found)
 
     def place(self, receiver: dict[str, Any]) -> Datum:
         """Geodetic position of the world's origin for a receiver."""
@@ -135,9 +162,18 @@ class Content:
             name, about = f"/{ros_name(file)}/fix", f"fixes of `{file}`, the world's origin at {self.place(gnss)}"
             found = messages.fixes(shown, file, gnss, self.place(gnss), name)
             yield Channel(name, "sensor_msgs/NavSatFix", about, found)
+        for file, baro in self.barometers.items():
+            name, about = f"/{ros_name(file)}/pressure", f"pressures of `{file}`"
+            found = messages.pressures(shown, file, baro, name)
+            yield Channel(name, "sensor_msgs/FluidPressure", about, found)
         for file, joints in self.gimbals.items():
             name, about = f"/{ros_name(file)}/joint_states", f"measured angles of the joints in `{file}`"
             yield Channel(name, "sensor_msgs/JointState", about, joint_states(sequence, file, joints, name))
+        for file, finder in self.range_finders.items():
+            name, about = f"/{ros_name(file)}/range", f"ranges of `{file}` along its x axis"
+            yield Channel(name, "sensor_msgs/Range", about, laser_messages.ranges(finder, name))
+        for file, lidar in self.lidars.items():
+            yield lidar_channel(file, lidar)
 
     def _camera(self, name: str, shown: Shown) -> Iterator[Channel]:
         """Calibration and images of a camera."""
@@ -157,20 +193,22 @@ class Content:
             yield Channel(topic, "sensor_msgs/CompressedImage", f"PNG{of}", images)
 
     def _ground_truth(self) -> Iterator[Channel]:
-        sequence, state = self.shown.sequence, messages.true_state(self.shown)
+        sequence, state = self.shown.sequence, true_state(self.shown.sequence, [*STATE, *RATES])
         sensors = {
             optical_frame(name): each.sequence.cam_from_body.inverse()
             for name, each in self.shown.cameras.items()
             if not each.sequence.on_gimbal
         }
         sensors |= {link_of(name): body_from_imu(sequence.body_folder / name, imu) for name, imu in self.imus.items()}
-        sensors |= {link_of(name): Pose.identity() for name in self.receivers}
+        sensors |= {link_of(name): Pose.identity() for name in (*self.receivers, *self.barometers)}
+        lasers = [*self.range_finders.values(), *self.lidars.values()]
+        sensors |= {link_of(laser.file): laser.on_body for laser in lasers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
         yield Channel("/tf_static", "tf2_msgs/TFMessage", "poses of the sensors on `base_link`", still)
         moving = {optical_frame(n): s.sequence for n, s in self.shown.cameras.items() if s.sequence.on_gimbal}
-        found = [messages.transforms(state), *(moving_extrinsics(each, frame) for frame, each in moving.items())]
+        poses = [messages.transforms(state), *(moving_extrinsics(each, frame) for frame, each in moving.items())]
         on_body = "".join(f", `{frame}` on `base_link` at its images" for frame in moving)
-        merged = heapq.merge(*found, key=lambda each: each.stamp_ns)
+        merged = heapq.merge(*poses, key=lambda each: each.stamp_ns)
         yield Channel("/tf", "tf2_msgs/TFMessage", f"ground truth: `base_link` in `world`{on_body}", merged)
         about = "ground truth: pose in `world`, twist in `base_link`; at 100 Hz and at each image"
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
@@ -196,6 +234,22 @@ class Content:
                 f"counter-clockwise from north. The sky is that over {gnss.get('latitude_deg', 0.0):g} degrees north."
             )
             yield f"Fixes: velocities and satellite numbers of `{name}` are not included; variances follow from PDOP."
+        for name in self.barometers:
+            yield f"Pressures: the height of `{name}` above the floor is not included."
+        for name in (*self.range_finders, *self.lidars):
+            yield (
+                f"Ranges: those of `{name}` are rounded to float32, NaN where there is no measurement; intensities are "
+                "not simulated, and the true ranges are not included."
+            )
+
+
+def lidar_channel(file: str, lidar: Lidar) -> Channel:
+    """Turns of a lidar, stamped with their first ray."""
+    if laser_messages.is_plane(lidar):
+        name, about = f"/{ros_name(file)}/scan", f"turns of `{file}`"
+        return Channel(name, "sensor_msgs/LaserScan", about, laser_messages.scans(lidar, name))
+    name, about = f"/{ros_name(file)}/points", f"turns of `{file}`: x y z ring time, a row for each ring"
+    return Channel(name, "sensor_msgs/PointCloud2", about, laser_messages.clouds(lidar, name))
 
 
 def optical_frame(camera: str) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_table
-from uavbench.scenes.exports.euroc import READINGS, STATE, true_states
+from uavbench.scenes.exports.euroc import READINGS, TrueStates
 from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.scenes.exports.shown_images import Picture, Shown
 from uavbench.trajectories.bags.library import typestore
@@ -25,8 +25,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
 
 WORLD, BODY, CAMERA = "world", "base_link", "camera_optical_frame"
-RATES = ["wx_rad_s", "wy_rad_s", "wz_rad_s"]
 FIX = ["px_m", "py_m", "pz_m"]
+PRESSURE = "pressure_pa"
 MODELS = {"none": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "equidistant": ("equidistant", 4)}
 """Distortion models of CameraInfo, and how many coefficients they have: k1 k2 p1 p2 k3, or k1 k2 k3 k4."""
 NS, LAST_NS = 10**9, 2**31 * 10**9
@@ -111,27 +111,7 @@ def camera_infos(camera: Camera, stamps_ns: Iterable[int], topic: str, link: str
         yield Stamped(topic, stamp, message("sensor_msgs/CameraInfo", header=header(stamp, link), **fields))
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """True motion of the body: stamps (n,); position, quaternion w x y z, velocity in the world, rates in the body."""
-
-    stamps_ns: NDArray[np.int64]
-    values: Array
-
-
-def true_state(shown: Shown) -> State:
-    """State at the rows of flight.csv and at the images, in order."""
-    sequence = shown.sequence
-    stamps, values = true_states(sequence, 15)
-    path = sequence.body_folder / "flight.csv"
-    if path.is_file():
-        stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
-        values = np.concatenate([values, read_numbers(path, [*STATE, *RATES])])
-    stamps, first = np.unique(stamps, return_index=True)
-    return State(stamps, values[first])
-
-
-def odometry(state: State, topic: str) -> Iterator[Stamped]:
+def odometry(state: TrueStates, topic: str) -> Iterator[Stamped]:
     """Pose of the body in the world, and its twist in the body's own axes; covariances of zero."""
     axes = rotation_from_quaternion(state.values[:, 3:7])
     velocity = np.einsum("nji,nj->ni", axes, state.values[:, 7:10])
@@ -149,7 +129,7 @@ def odometry(state: State, topic: str) -> Iterator[Stamped]:
         yield Stamped(topic, stamp, message("nav_msgs/Odometry", **fields))
 
 
-def transforms(state: State) -> Iterator[Stamped]:
+def transforms(state: TrueStates) -> Iterator[Stamped]:
     """`base_link` in `world`, on /tf."""
     for stamp, pose in _rows(state.stamps_ns, state.values[:, :7]):
         yield Stamped("/tf", stamp, message("tf2_msgs/TFMessage", transforms=[transform(stamp, WORLD, BODY, pose)]))
@@ -218,6 +198,15 @@ def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: st
                 position_covariance_type=APPROXIMATED if known else 0,
             ),
         )
+
+
+def pressures(shown: Shown, name: str, baro: dict[str, Any], topic: str) -> Iterator[Stamped]:
+    """Pressures of a barometer, Pa, with the variance of their white noise; 0, unknown, where it is not given."""
+    path = shown.sequence.body_folder / name
+    variance = float(baro.get("noise_pa", 0.0)) ** 2
+    for stamp, (pressure,) in _rows(read_integers(path, ["stamp_ns"])[:, 0], read_numbers(path, [PRESSURE])):
+        fields = {"header": header(stamp, link_of(name)), "fluid_pressure": pressure, "variance": variance}
+        yield Stamped(topic, stamp, message("sensor_msgs/FluidPressure", **fields))
 
 
 def image_topic(camera: str, shown: Shown) -> str:
