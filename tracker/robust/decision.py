@@ -9,7 +9,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
 from uavbench.tracker.robust.frames import Frame
-from uavbench.tracker.robust.motion_model import FAR_CHI2, isotropic_covariance
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.ranking import Sought
@@ -42,9 +42,10 @@ class Decider:
     def __init__(self, fitter: EdgeFitter, camera: Camera, state: TrackState, config: RobustConfig) -> None:
         self.fitter, self.state, self.config = fitter, state, config
         self.relocator = Relocator(fitter, camera)
-        self.doubts = Doubts(fitter, self.relocator.searcher)
+        self.doubts = Doubts(self.relocator)
         self.until_search = 0
-        self.was_wrong = self.kept_initial = self.vouched = False
+        self.kept_initial = False
+        self.initial, self.gave_up = state.motion, False
 
     def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
@@ -53,15 +54,26 @@ class Decider:
         fit = self.without_patches(frame, found.fit, clock)
         settled = found.settled and self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
         self.state.is_lost = not settled
-        if settled and first:
-            self.vouched = self.kept_initial or self.is_as_given(fit)
-        if not settled or self.vouched or self.doubts.settled:
+        if settled and first and not (self.kept_initial or self.is_as_given(fit)):
+            self.doubts.begin(fit)
+        if not settled or self.doubts.settled:
             return Decision(fit, settled, found.rivalled)
         return Decision(self.doubted(frame, fit, clock), True, doubted=not self.doubts.settled)
 
+    def give_up_doubted(self) -> None:
+        """Return to the initial pose from a doubted one, if there is one, that a frame does not confirm."""
+        if self.doubts.settled:
+            return
+        self.gave_up = True
+        self.doubts.end()
+        self.relocator.forget()
+        self.fitter.forget()
+        self.state.begin_again(self.initial)
+
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""
-        return fit.finite and self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        near = fit.finite and self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        return near and not self.gave_up
 
     def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
@@ -70,7 +82,7 @@ class Decider:
         if better is None:
             return fit
         self.fitter.forget()
-        self.state.begin_again(better)
+        self.state.begin_again(Motion(better.cam_from_world, better.covariance))
         return self.fitter.located(better, clock)
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
@@ -86,7 +98,6 @@ class Decider:
             return self.confirmed(frame, fit, clock)
         with clock.stage("relocalize"):
             found = self.recover(frame, fit)
-        self.was_wrong |= first and found.settled and found.fit is not fit
         if found.settled and not self.relocator.under_way:
             self.until_search = 0 if found.fit is not fit else SEARCH_EVERY
         return found
@@ -135,12 +146,11 @@ class Decider:
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
         """Whether a fit's support is so low that a pose search is required."""
         loss, slow = self.config.loss, self.is_slow(frame)
-        doubted = self.was_wrong and self.state.frames_ok < self.config.initialization.young_frames
         wanted = self.state.usual_or_good() if slow else self.config.good_support
-        if fit.support >= (self.config.initialization.doubted_support if doubted else wanted):
+        if fit.support >= wanted:
             return False
         due = self.until_search < 0 or self.relocator.under_way
-        return doubted or slow or due or not fit.support >= loss.min_support
+        return slow or due or not fit.support >= loss.min_support
 
     def is_slow(self, frame: Frame) -> bool:
         """Whether motion was extrapolated for so long that the fit may be to a neighbouring edge."""
@@ -149,7 +159,7 @@ class Decider:
     def recover(self, frame: Frame, fit: Fit) -> Decision:
         """The best fit of a slice of the search around the prediction and the last pose, or the given fit."""
         loss, predicted, covariance = self.config.loss, frame.predicted.cam_from_world, frame.predicted.covariance
-        if self.state.frames_ok < self.config.initialization.young_frames and not self.kept_initial:
+        if self.state.is_first or not self.doubts.settled:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
         guesses = [predicted] if first else [predicted, self.state.motion.cam_from_world]

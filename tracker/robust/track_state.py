@@ -60,8 +60,6 @@ class TrackState:
         """
         if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= 0.0:
             return False
-        if self.is_first and searched and not fit.log10_false_alarms(1) < self.config.loss.log10_false_alarms:
-            return False  # while no appearance is learned, straight lines of other things match whole edges
         return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted, recent)
 
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
@@ -91,9 +89,9 @@ class TrackState:
         if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
             self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
 
-    def begin_again(self, fit: Fit) -> None:
-        """Begin again at a fit, as if no frame had been ok before."""
-        self.motion, self.tentative = Motion(fit.cam_from_world, fit.covariance), None
+    def begin_again(self, motion: Motion) -> None:
+        """Begin again at a pose, as if no frame had been ok before."""
+        self.motion, self.tentative = motion, None
         self.ok_ns, self.usual_support, self.frames_ok = None, 0.0, 0
         self.prediction_errors = PredictionErrors()
 

@@ -83,6 +83,7 @@ class RobustRun:
         decision = self.decider.decide(frame, fit, clock)
         if not decision.settled:
             self.frames.restore(before)
+            self.decider.give_up_doubted()
             self.state.suppose(decision.fit, frame.dt_s, stamp_ns)
             return undecided(decision, frame, clock)
         with clock.stage("learn"):

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 SAMPLING, PER_EDGE = 30_000, 75
 """Cost of finding the visible edge points of a pose, 60 us, and 0.15 us more for each edge of the structure."""
-FIT, PER_POINT, PER_PATCH = 130_000, 1_700, 4_100
-"""Cost of a fit from a wrong pose beside that for each edge, 260 us, and more for each control point and patch, 3.4 and
+FIT, PER_POINT, PER_PATCH = 200_000, 1_700, 4_100
+"""Cost of a fit from a wrong pose beside that for each edge, 400 us, and more for each control point and patch, 3.4 and
 8.2 us; fits of tracking take about two thirds of it."""
 LOCATED_POINT = 1_100
 """Cost of locating a control point between the pixels, 2.2 us."""

@@ -14,7 +14,7 @@ Widths = Annotated[tuple[Positive, ...], MinLen(1)]
 class HypothesesConfig:
     """Hypotheses: camera motions that agree with candidates of several edges (RANSAC: Fischler & Bolles 1981)."""
 
-    prior_weight: Weight = 0.25
+    prior_weight: Weight = 1.0
     """Weight of the prediction relative to candidates, which have unit variance here. Chosen on rendered seeds."""
 
 

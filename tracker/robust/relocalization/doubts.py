@@ -1,61 +1,95 @@
 """Doubts about a first pose that a search found: poses around it are fitted as if nothing were known of the edges.
 
 A track confirms itself, since the appearance of the edges is learned where they are thought to be. Poses are therefore
-compared by a fitter that has learned nothing.
+compared, and judged, by a fitter that has learned nothing.
 """
 
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 ENOUGH = 32
-"""Poses tried in vain around one after which it is not doubted any more. Measured on 264 wrong initial poses: with 16,
-three wrong poses of nine are kept, with 32 none."""
+"""Poses tried in vain in succession around one after which it is not doubted any more. Measured on 264 wrong initial
+poses: with 16, three wrong poses of nine are kept, with 32 none."""
 MOST_FRAMES = 15
-"""Frames after which a pose is not doubted any more, where their budgets are too small for so many fits."""
+"""Frames without room for a fit after which no more are awaited."""
 
 
 class Doubts:
-    """Poses around a tracked one, fitted without memory in as many frames as that takes."""
+    """Poses around a tracked one, fitted without memory in as many frames as that takes.
 
-    def __init__(self, fitter: EdgeFitter, searcher: PoseSearch) -> None:
-        self.fitter, self.searcher, self.config = fitter, searcher, fitter.config.relocalization
-        self.innocent = fitter.without_memory()
-        self.tried = self.in_vain = self.frames = 0
+    A pose is doubted until enough poses in succession led to none of more support, and until one of the frames leaves
+    no doubt that it was not found by chance.
+    """
+
+    def __init__(self, relocator: Relocator) -> None:
+        self.fitter, self.config = relocator.fitter, relocator.fitter.config
+        self.searcher, self.turned = relocator.searcher, relocator.turned
+        self.innocent = self.fitter.without_memory()
+        self.tried = 0
+        self.end()
+
+    def begin(self, fit: Fit) -> None:
+        """Doubt the pose of a fit by which nothing was learned yet."""
+        self.in_vain = self.without_room = 0
+        self.judged, self.by_chance = 1, self.is_by_chance(fit, 1)
+
+    def end(self) -> None:
+        """Doubt no pose."""
+        self.in_vain, self.without_room, self.judged, self.by_chance = ENOUGH, 0, 0, False
 
     @property
     def settled(self) -> bool:
+        """Whether no pose is doubted (any more)."""
+        return self.surrounded and not self.by_chance
+
+    @property
+    def surrounded(self) -> bool:
         """Whether enough poses were tried around the present one."""
-        return self.in_vain >= ENOUGH or self.frames >= MOST_FRAMES
+        return self.in_vain >= ENOUGH or self.without_room >= MOST_FRAMES
+
+    def is_by_chance(self, fit: Fit, frames: int) -> bool:
+        """Whether chance may explain the best of as many frames."""
+        return fit.log10_false_alarms(frames) >= self.config.loss.log10_false_alarms
 
     def better(self, image: Image, fit: Fit, range_m: float) -> Fit | None:
         """A fit with clearly more support than the given one, both without memory; None if none is found.
 
         It spends what is left of the frame's budget.
         """
-        innocent, clock, config = self.innocent, StageClock(), self.config
+        innocent, config = self.innocent, self.config.relocalization
         innocent.work, innocent.most_points = self.fitter.work, self.fitter.most_points
-        self.frames += 1
         if not innocent.has_room_for(2):
+            self.without_room += 1
             return None
-        known = isotropic_covariance(innocent.config.initialization.sigma, range_m)
-        base = best = innocent.searched(image, fit.cam_from_world, known, clock, config.refit_half_px)
+        known = isotropic_covariance(self.config.initialization.sigma, range_m)
+        base = innocent.searched(image, fit.cam_from_world, known, StageClock(), config.refit_half_px)
         if base.focus is None:
             return None
-        wide = isotropic_covariance(config.found_sigma, range_m)
-        while innocent.has_room_for(1) and not self.settled:
-            self.in_vain, self.tried = self.in_vain + 1, self.tried + 1
-            pose = Pose(*self.searcher.nearby(motion(fit.cam_from_world), base.focus, self.tried))
-            found = innocent.searched(image, pose, wide, clock, config.half_px)
-            if found.finite and found.support > best.support:
-                best = found
-        by_chance = best.log10_false_alarms(1) >= innocent.config.loss.log10_false_alarms
-        if by_chance or best.support <= base.support + config.lead_of_rivals:
+        self.judged += 1
+        self.by_chance &= self.is_by_chance(base, self.judged)
+        best = self.best_around(image, base, range_m)
+        if self.is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
             return None
-        self.in_vain = self.frames = 0
+        self.begin(best)
+        return best
+
+    def best_around(self, image: Image, base: Fit, range_m: float) -> Fit:
+        """The best of a fit and those from poses around it; one of more support elsewhere begins the count again."""
+        config, best = self.config.relocalization, base
+        assert base.focus is not None
+        wide = isotropic_covariance(config.found_sigma, range_m)
+        while self.innocent.has_room_for(1) and not self.surrounded:
+            self.in_vain, self.tried = self.in_vain + 1, self.tried + 1
+            pose = Pose(*self.searcher.nearby(motion(base.cam_from_world), base.focus, self.tried))
+            found = self.innocent.searched(image, pose, wide, StageClock(), config.half_px)
+            if not (found.finite and found.support > base.support):
+                continue
+            if not self.turned.ends_at(base, found, range_m):
+                self.in_vain = 0
+            best = max(best, found, key=lambda each: each.support)
         return best

@@ -7,6 +7,7 @@ import numpy as np
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.pose_search import Candidate
 from uavbench.trajectories.pose import Array, Pose
 
 UNKNOWNS = 6
@@ -59,6 +60,11 @@ class Ranking:
         """Squared Mahalanobis distance of a pose from the most likely guess."""
         away = (pose @ self.from_guess).log()
         return float(away @ self.information @ away)
+
+    def weighed(self, candidate: Candidate) -> Candidate:
+        """A candidate, its score reduced by the log-probability of its pose."""
+        cost = self.config.sigma_cost * self.chi2(Pose(*candidate.pose))
+        return candidate._replace(score=candidate.score + candidate.cost - cost, cost=cost)
 
     def add(self, fit: Fit) -> None:
         """Rank one more fit."""

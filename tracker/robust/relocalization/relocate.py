@@ -124,7 +124,7 @@ class Relocator:
         if not self.fit_in_turn(self.at_guesses(guesses, ranking), sought, ranking):
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
             work.done += DISTANCES
-            candidates = self.score(target, guesses, self.is_uncertain(sought))
+            candidates = self.score(target, guesses, ranking, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried) and ranking.top.support >= sought.sure
         leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
@@ -193,7 +193,9 @@ class Relocator:
         self.tried.move(by)
         self.best_before = self.best_before and product_of(by, self.best_before)
 
-    def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
+    def score(
+        self, target: Target, guesses: list[RigidMotion], ranking: Ranking, uncertain: bool
+    ) -> list[Candidate]:
         """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits."""
         work, reserve = self.fitter.work, self.fitter.cost(2)
         until = work.done + min(work.left // 2, work.left - reserve)
@@ -229,11 +231,11 @@ class Relocator:
             ]
             near = sorted(near + beside, key=lambda each: -each.score)
         farther(len(rounds))
-        self.kept = sorted(self.kept, key=lambda each: -each.score)[:CANDIDATES]
-        best = sorted(near + self.kept, key=lambda each: -each.score)
+        self.kept = sorted(map(ranking.weighed, self.kept), key=lambda each: -each.score)[:CANDIDATES]
+        best = sorted([*map(ranking.weighed, near), *self.kept], key=lambda each: -each.score)
         for k, each in enumerate(best[:CANDIDATES]):
             if work.left - reserve >= self.searcher.most_refining(each):
-                (best[k],) = taken(self.searcher.refined(target, each))
+                best[k] = ranking.weighed(*taken(self.searcher.refined(target, each)))
         return sorted(best, key=lambda each: -each.score)
 
     def at_guesses(self, guesses: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:

@@ -1,0 +1,47 @@
+"""Poses of a search in the order in which they are fitted: by score and by how likely they are beforehand."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.motion_model import isotropic_covariance
+from uavbench.tracker.robust.relocalization.pose_search import Candidate
+from uavbench.tracker.robust.relocalization.pose_search_kernels import SeenEdges
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.trajectories.pose import Pose
+
+RELOCALIZATION = RobustConfig().relocalization
+RANGE_M, SIGMA = 2.0, 0.06
+GUESS = Pose.exp(np.array([0.1, -0.2, RANGE_M, 0.3, 0.1, -0.2]))
+NO_EDGES = SeenEdges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(3))
+
+
+def ranking():
+    covariance = isotropic_covariance(SIGMA, RANGE_M)
+    return Ranking(Sought(np.zeros((4, 4), np.uint8), [GUESS], covariance, RANGE_M), RELOCALIZATION)
+
+
+def candidate(score, twist, cost=0.0):
+    pose = Pose.exp(np.array(twist)) @ GUESS
+    return Candidate(score, RigidMotion(pose.rotation, pose.translation), NO_EDGES, cost)
+
+
+twists = st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6)
+
+
+@given(st.floats(0, 1), twists, st.floats(0, 0.5))
+def test_the_cost_of_a_pose_is_that_of_a_normal_prior_whatever_it_was_before(score, twist, cost):
+    found = ranking().weighed(candidate(score - cost, twist, cost))
+    sigmas = np.array(twist) / ([SIGMA * RANGE_M] * 3 + [SIGMA] * 3)
+    expected = 0.5 * RELOCALIZATION.lead_of_rivals * float(sigmas @ sigmas)
+    np.testing.assert_allclose([found.cost, found.score], [expected, score - expected], atol=1e-9)
+    again = ranking().weighed(found)
+    np.testing.assert_allclose([again.cost, again.score], [found.cost, found.score], atol=1e-9)
+
+
+def test_of_two_poses_that_match_about_as_well_the_one_near_the_guess_comes_first():
+    near, far = candidate(0.80, [0.0, 0.05, 0.0, 0.0, 0.0, 0.02]), candidate(0.85, [0.5, 0.0, 0.0, 0.0, 0.25, 0.0])
+    weighed = ranking().weighed
+    assert weighed(near).score > weighed(far).score
