@@ -6,7 +6,6 @@ import pytest
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, look_at, pose_error
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.config.relocalization import SelfSimilarityConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.motion_model import Motion, PredictionErrors
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity, direction_numbers
@@ -33,7 +32,7 @@ def row():
 
 @pytest.fixture(scope="module")
 def similarity(row):
-    return SelfSimilarity(EdgeMap.of(row, 35.0), SelfSimilarityConfig())
+    return SelfSimilarity(EdgeMap.of(row, 35.0))
 
 
 def edge_points(row, boxes):
@@ -80,7 +79,7 @@ def test_an_edge_of_another_direction_does_not_count(row, similarity):
 @pytest.mark.parametrize("unit", [0.001, 1.0, 1000.0])
 def test_the_unit_of_the_structure_does_not_matter(row, unit):
     scaled = Structure.from_mesh(row.vertices * unit, row.triangles)
-    found = SelfSimilarity(EdgeMap.of(scaled, 35.0), SelfSimilarityConfig())
+    found = SelfSimilarity(EdgeMap.of(scaled, 35.0))
     points, along = edge_points(row, [2, 3])
     assert share_of(found, np.array([PITCH_M * unit, 0, 0]), points * unit, along) == pytest.approx(1.0)
 
@@ -88,7 +87,7 @@ def test_the_unit_of_the_structure_does_not_matter(row, unit):
 def test_a_structure_that_is_nowhere_like_itself_has_no_rivals():
     triangle = Structure.from_mesh(np.array([[0, 0, 0], [1, 0, 0], [0.2, 0.9, 0], [0.4, 0.3, 1.1]], dtype=float),
                                    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))  # fmt: skip
-    found = SelfSimilarity(EdgeMap.of(triangle, 35.0), SelfSimilarityConfig())
+    found = SelfSimilarity(EdgeMap.of(triangle, 35.0))
     assert found.shares(triangle.vertices, np.eye(3)[[0, 1, 2, 0]]).max(initial=0.0) == 0.0
 
 

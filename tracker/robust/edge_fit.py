@@ -173,8 +173,8 @@ class EdgeFitter:
             half_px = search_range(problem.lines.jacobian, problem.covariance, least_px, most_px)
             measured = self.measure(problem, problem.lines, half_px)
         with clock.stage("hypotheses"):
-            prior = solver.hypotheses.prior_weight * problem.prior.information
-            motion = best_motion(measured, prior, self.draws, solver.estimator.coarse_widths_px[-1])
+            prior, outlier_px = problem.prior.information, solver.estimator.coarse_widths_px[-1]
+            motion = best_motion(measured, prior, self.draws, outlier_px)
             view = view.to(*se3_exp_left(view.R, view.t, motion))
             edges = self.offsets(problem, measured)
             estimate = self.solve(problem, measured, NO_MATCHES, edges, view, widths.coarse)

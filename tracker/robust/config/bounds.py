@@ -18,5 +18,3 @@ Weight = Annotated[float, Ge(0), Unit("1")]
 Sigma = Annotated[float, Gt(0), Unit("part of the range; rad")]
 """Standard deviation of a pose: of its position as a fraction of the range, of its rotation in rad."""
 Count = Annotated[int, Ge(1), Unit("1")]
-Number = Annotated[int, Ge(0), Unit("1")]
-"""A count; may be zero."""

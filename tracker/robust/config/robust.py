@@ -6,7 +6,7 @@ source. A suite sets any of them: ``[trackers.mine.config.motion]``.
 
 from dataclasses import dataclass, field
 
-from uavbench.tracker.robust.config.bounds import NotNegative, Number, Part, Positive, Ratio, Sigma
+from uavbench.tracker.robust.config.bounds import NotNegative, Part, Positive, Ratio, Sigma
 from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.config.edges import EdgesConfig
 from uavbench.tracker.robust.config.patches import PatchesConfig
@@ -48,10 +48,6 @@ class InitializationConfig:
     support is 0.36 to 0.81 at the true pose, 0.29 to 0.78 at errors of 0.3 %, 0.04 to 0.28 at 1 % and above."""
     min_support: Part = 0.3
     """Least support of the first frame, while appearance is unknown. Measured on 22 first frames."""
-    young_frames: Number = 5
-    """Number of first frames in which predictions are not trusted. Chosen on rendered seeds."""
-    doubted_support: Part = 0.68
-    """Least support in these frames if the initial pose was wrong. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +58,8 @@ class LossConfig:
     """Support below which the track is lost. Chosen on rendered seeds."""
     log10_false_alarms: float = -10.0
     """Logarithm of the number of false alarms below which a track with less support is continued. Measured on six
-    flights: -12 to -36 at the tracked pose, -9 to 2 at poses that are off by 5 to 30 % of the range. The same of one
-    pose alone below which a first one that a search found is accepted. Measured: -10.2 to -27.7 at 24 of 25 right poses
+    flights: -12 to -36 at the tracked pose, -9 to 2 at poses that are off by 5 to 30 % of the range. The same in one
+    of the frames in which a first pose that a search found is doubted. Measured: -10.2 to -27.7 at 24 of 25 right poses
     found from a wrong initial pose, -6.3 to -9.2 where a box was sought in images of a bridge."""
     slow_s: Positive = 0.3
     """Frame interval above which a fit may be to a neighbouring edge. Chosen on rendered seeds."""

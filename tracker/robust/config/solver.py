@@ -5,17 +5,9 @@ from typing import Annotated
 
 from annotated_types import Interval, MinLen, Unit
 
-from uavbench.tracker.robust.config.bounds import Part, Positive, Weight
+from uavbench.tracker.robust.config.bounds import Part, Positive
 
 Widths = Annotated[tuple[Positive, ...], MinLen(1)]
-
-
-@dataclass(frozen=True)
-class HypothesesConfig:
-    """Hypotheses: camera motions that agree with candidates of several edges (RANSAC: Fischler & Bolles 1981)."""
-
-    prior_weight: Weight = 1.0
-    """Weight of the prediction relative to candidates, which have unit variance here. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +53,6 @@ class BiasConfig:
 class SolverConfig:
     """The solver."""
 
-    hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
-    """Hypotheses on the camera's motion."""
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     """M-estimation."""
     bias: BiasConfig = field(default_factory=BiasConfig)

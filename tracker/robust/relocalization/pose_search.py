@@ -119,6 +119,7 @@ class PoseSearch:
 
     def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: RobustConfig) -> None:
         self.config, self.edges, self.sigma_cost = config.relocalization.search, edges, config.relocalization.sigma_cost
+        self.clear_score = float(config.relocalization.lead)
         self.sampling = sampling_evaluations(len(edges.ends))
         self.least_gradient = EDGE_SIGMAS * config.preprocessing.max_noise_grey
         self.scale = max(1.0, camera.width / SMALL_WIDTH)
@@ -231,7 +232,7 @@ class PoseSearch:
 
     def scored(self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices) -> Scored:
         """The best changes (k, 6) of a pose, each at the best of shifts (s, 2)."""
-        found = score_changes(seen, pose, changes, shifts, self.camera, target, float(self.config.clear_score))
+        found = score_changes(seen, pose, changes, shifts, self.camera, target, self.clear_score)
         focus = pose.R @ seen.focus + pose.t
         changes = changes.copy()
         changes[:, 4:] += np.arctan(found.shifts / self.f[:2])

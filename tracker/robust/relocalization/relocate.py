@@ -89,7 +89,7 @@ class Relocator:
         self.rivals = Rivals(fitter, self.searcher, config)
         self.turned = TurnedPoses(fitter, self.searcher.turn_rad, config)
         step = config.search
-        near = Reach(config.near_part, config.near_part, config.near_shift_part)
+        near = Reach(config.near_part, config.near_part, config.near_part)
         far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
         far = Reach(far_roll_rad, FAR_RANGE_PART, FAR_SHIFT_PART, FAR_STEP_FACTOR)
         self.near_block = self.searcher.block(0.0, 0.0, near)
@@ -193,9 +193,7 @@ class Relocator:
         self.tried.move(by)
         self.best_before = self.best_before and product_of(by, self.best_before)
 
-    def score(
-        self, target: Target, guesses: list[RigidMotion], ranking: Ranking, uncertain: bool
-    ) -> list[Candidate]:
+    def score(self, target: Target, guesses: list[RigidMotion], ranking: Ranking, uncertain: bool) -> list[Candidate]:
         """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits."""
         work, reserve = self.fitter.work, self.fitter.cost(2)
         until = work.done + min(work.left // 2, work.left - reserve)
@@ -265,7 +263,7 @@ class Relocator:
             yield Attempt((again or [self.best_before])[0], config.found_sigma, config.half_px)
         for hopeless in (False, True):
             for candidate in candidates:
-                worse = candidate.score < candidates[0].score - config.search.clear_score
+                worse = candidate.score < candidates[0].score - config.lead
                 if worse != hopeless or self.tried.holds(candidate):
                     continue
                 yield from self.found(candidate.pose, candidate.score, ranking)

@@ -33,7 +33,7 @@ class Rivals:
 
     def __init__(self, fitter: EdgeFitter, searcher: PoseSearch, config: RelocalizationConfig) -> None:
         self.fitter, self.searcher, self.config = fitter, searcher, config
-        self.similarity = SelfSimilarity(fitter.edges, config.similarity)
+        self.similarity = SelfSimilarity(fitter.edges)
         self.reserved_fits = 0
 
     def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> bool:

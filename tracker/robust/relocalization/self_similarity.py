@@ -8,7 +8,6 @@ structure. The score of a shift depends on the visible part: at the end of a row
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.config.relocalization import SelfSimilarityConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.relocalization.self_similarity_kernels import cell_keys, shares_on_edges
 from uavbench.trajectories.pose import Array
@@ -18,6 +17,9 @@ MOST_ALIKE = 400
 SHIFTS = 512
 """Most shifts of a structure onto itself that are stored. Measured on rendered bridges: those of a girder's stiffeners,
 short compared with its chords, are among the first 300.
+"""
+TOLERANCE = 0.002
+"""Distance, as a fraction of the structure's size, below which edges coincide: 2 cm of a building of 10 m.
 """
 LENGTH_STEP = 0.01
 """Relative difference of lengths below which edges count as equally long."""
@@ -30,8 +32,8 @@ SIDES = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (
 class SelfSimilarity:
     """The shifts (k, 3) of a structure, in its unit, and the cells of space that its edges pass through."""
 
-    def __init__(self, edges: EdgeMap, config: SelfSimilarityConfig) -> None:
-        self.cell = config.tolerance * float(np.linalg.norm(edges.extent[-1] - edges.extent[0]))
+    def __init__(self, edges: EdgeMap) -> None:
+        self.cell = TOLERANCE * float(np.linalg.norm(edges.extent[-1] - edges.extent[0]))
         along = edges.ends[:, 1] - edges.ends[:, 0]
         lengths = np.linalg.norm(along, axis=1)
         long = lengths > self.cell

@@ -65,7 +65,7 @@ class TriedPoses:
     def holds(self, candidate: Candidate) -> bool:
         """Whether a pose within reach of a fit from this candidate was fitted, with a similar score."""
         reached = self.within_reach(candidate.pose, self.fitted)
-        return bool((reached & (self.scores > candidate.score - self.searcher.config.clear_score)).any())
+        return bool((reached & (self.scores > candidate.score - self.searcher.clear_score)).any())
 
     def within_reach(self, pose: RigidMotion, poses: PoseStack) -> NDArray[np.bool_]:
         """Mask (k,) of the poses from which a fit reaches a pose: no edge point moves by a step of shifts or more."""
