@@ -137,12 +137,13 @@ def test_a_pose_that_chance_explains_is_tracked_as_ambiguous_and_never_ok():
 def test_a_doubted_pose_that_a_frame_does_not_confirm_is_forgotten_with_all_that_was_learned_there():
     poses, images = flown(12, seed=11)
     run = Robust(DOUBTFUL).start(box(), CAMERA, off_by_4_percent(poses[0]), np.random.default_rng(0))
+    initial = replace(run.state)
     seen = [run.track(image, i * STEP_NS).status for i, image in enumerate(images[:8])]
     assert seen[-1] == "ambiguous" and run.fitter.appearance.any() and not run.state.is_first
     plain = np.random.default_rng(0).integers(118, 122, images[0].shape).astype(np.uint8)
     assert run.track(plain, 8 * STEP_NS).status == "lost"
     assert run.state.is_first and not run.fitter.appearance.any() and not len(run.fitter.texture)
-    assert run.state.motion is run.decider.initial
+    assert run.state.motion.cam_from_world is initial.motion.cam_from_world and run.state.range_m == initial.range_m
     assert [run.track(image, i * STEP_NS).status for i, image in enumerate(images[:8], 9)][-1] == "ambiguous"
 
 

@@ -45,7 +45,7 @@ class Decider:
         self.doubts = Doubts(self.relocator)
         self.until_search = 0
         self.kept_initial = False
-        self.initial, self.gave_up = state.motion, False
+        self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
 
     def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
@@ -68,7 +68,7 @@ class Decider:
         self.doubts.end()
         self.relocator.forget()
         self.fitter.forget()
-        self.state.begin_again(self.initial)
+        self.state.begin_again(self.initial, self.initial_range_m)
 
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""
@@ -82,14 +82,15 @@ class Decider:
         if better is None:
             return fit
         self.fitter.forget()
-        self.state.begin_again(Motion(better.cam_from_world, better.covariance))
+        self.state.begin_again(Motion(better.cam_from_world, better.covariance), better.range_m)
         return self.fitter.located(better, clock)
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""
         self.until_search -= 1
         first = self.state.is_first
-        kept = self.prior_constrained(frame, fit, clock) if first and not self.relocator.under_way else None
+        given = first and not self.gave_up and not self.relocator.under_way
+        kept = self.prior_constrained(frame, fit, clock) if given else None
         if kept is not None:
             self.kept_initial = True
             return Decision(kept, True)

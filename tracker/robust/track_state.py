@@ -89,9 +89,9 @@ class TrackState:
         if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
             self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
 
-    def begin_again(self, motion: Motion) -> None:
+    def begin_again(self, motion: Motion, range_m: float) -> None:
         """Begin again at a pose, as if no frame had been ok before."""
-        self.motion, self.tentative = motion, None
+        self.motion, self.range_m, self.tentative = motion, range_m, None
         self.ok_ns, self.usual_support, self.frames_ok = None, 0.0, 0
         self.prediction_errors = PredictionErrors()
 
