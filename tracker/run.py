@@ -29,6 +29,9 @@ KNOWN = Known()
 OnFrame = Callable[[int, TrackResult], None]
 SAME_RATE = 0.01
 """Relative difference below which two rates count as one: 29.97 Hz is called 30."""
+JITTERED = 0.5
+"""Relative difference below which stamps may have the rate of their record, with jitter; those of a twin of each second
+frame have half of it."""
 NEAR_RATE = 0.1
 """Relative difference below which a stride may be called by a rate, as 3.75 Hz by 4; 7.5 Hz are not called 10."""
 
@@ -173,21 +176,14 @@ def within_reach(pose: Pose) -> bool:
 
 
 def stride(sequence: Sequence, rate_hz: float) -> int:
-    """The stride of a sequence nearest to rate_hz; UserError as `nearest_stride`, and where it leaves a single one."""
-    sequence_hz = float(sequence.info.get("rate_hz", 0.0))  # the stamps may have jitter
-    if not sequence_hz > 0 and len(sequence) > 1:
-        sequence_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns)))
+    """Stride of the frames of a sequence that is nearest to rate_hz; UserError as `nearest_stride`."""
+    told_hz = float(sequence.info.get("rate_hz", 0.0))
+    stamped_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns))) if len(sequence) > 1 else told_hz or rate_hz
+    with_jitter = abs(told_hz / stamped_hz - 1) < JITTERED
     try:
-        step = nearest_stride(sequence_hz or rate_hz, rate_hz, sequence.name)
+        return nearest_stride(told_hz if with_jitter else stamped_hz, rate_hz, sequence.name)
     except UserError as error:
         raise UserError(f"rate_hz: {error}") from None
-    if 1 < len(sequence) <= step:
-        raise UserError(
-            f"rate_hz: {rate_hz:g} Hz: sequence {sequence.name} has {len(sequence)} frames at {sequence_hz:g} Hz, of "
-            f"which only the first would be tracked; choose {sequence_hz / (len(sequence) - 1):.3g} Hz or more, or fly "
-            "longer"
-        )
-    return step
 
 
 def nearest_stride(sequence_hz: float, rate_hz: float, name: str) -> int:

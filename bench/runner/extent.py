@@ -8,7 +8,7 @@ from pathlib import Path
 
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.graph import Work
-from uavbench.bench.runner.tasks import Fly, Render, Track, Video
+from uavbench.bench.runner.tasks import Fly, Render, Video
 from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
 from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
@@ -51,10 +51,6 @@ def extents(works: Iterable[Work]) -> list[Extent]:
     """Extent of the sequences or flights by name; those that differ only by their seed are planned once."""
     works = list(works)
     videos = {work.flight: work.folder for work in works if isinstance(work, Video)}
-    slowest: dict[Path, float] = {}
-    for work in works:
-        if isinstance(work, Track):
-            slowest[work.sequence] = min(work.rate_hz, slowest.get(work.sequence, math.inf))
     by_name: dict[str, list[Render | Fly]] = {}
     for work in works:
         if isinstance(work, Render | Fly) and isinstance(work.spec, SequenceSpec):
@@ -62,7 +58,7 @@ def extents(works: Iterable[Work]) -> list[Extent]:
     plans: dict[str, FlightSummary | str] = {}
     found = [_extent(name, alike, plans, videos) for name, alike in by_name.items()]
     return [
-        replace(each, problem=each.problem or _rate_problem(alike[0], each.summary, slowest.get(alike[0].folder)))
+        replace(each, problem=each.problem or _rate_problem(alike[0], each.summary))
         for each, alike in zip(found, by_name.values(), strict=True)
     ]
 
@@ -131,8 +127,8 @@ def _extent(
     return Extent(name, len(alike), frames, plan, size, measured=True)
 
 
-def _rate_problem(work: Render | Fly, planned: FlightSummary | None, tracked_hz: float | None) -> str:
-    """Why a rate does not fit the planned flight, "" if all do; tracked_hz: the lowest at which it is tracked."""
+def _rate_problem(work: Render | Fly, planned: FlightSummary | None) -> str:
+    """Why a rate does not fit the planned flight, "" if all do."""
     spec = work.spec
     assert isinstance(spec, SequenceSpec) and planned is not None
     flown_ns = round(1e9 * planned.duration_s)
@@ -141,8 +137,6 @@ def _rate_problem(work: Render | Fly, planned: FlightSummary | None, tracked_hz:
             check_rate(work.pilot.rate_hz, flown_ns, "frame", "rates_hz")
         else:
             check_rate(spec.rate_hz, flown_ns, "frame")
-        if tracked_hz is not None:
-            check_rate(tracked_hz, flown_ns, "frame", "rates_hz")
         check_sensors(spec.sensors, flown_ns)
         for mount in (spec.mount, *(camera.mount for camera in spec.cameras)):
             if isinstance(mount, Gimbal):

@@ -109,21 +109,6 @@ def test_a_frame_rate_slower_than_the_flight_is_told_with_the_file_and_the_key(t
     assert not (tmp_path / "out" / "sequences").exists()
 
 
-def test_a_tracking_rate_slower_than_the_flight_is_told_before_and_after_rendering(tmp_path):
-    (tmp_path / "bad.toml").write_text(SLOW.replace("rate_hz = 0.2\n", "rate_hz = 10.0\n"))
-    dry = uavbench("run", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
-    told = "slow: rates_hz 0.2: one frame takes 5 s, and the flight .* s; raise rates_hz, or fly longer"
-    assert any(re.fullmatch(told, line) for line in dry.stdout.splitlines()), dry.stdout
-    done = uavbench("track", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
-    assert done.returncode == 2 and "Traceback" not in done.stderr
-    told = (
-        r"FAILED track .*hold@0.2hz.* of bad.toml: rate_hz: 0.2 Hz: sequence slow-s0 has .* frames at 10 Hz, of which "
-        "only the first would be tracked; choose .* Hz or more, or fly longer"
-    )
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]
-    assert re.fullmatch(told, line), line
-
-
 def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path):
     parts = [SEQUENCE.replace("NAME", name) + lines for name, (lines, _) in FLOWN.items()]
     (tmp_path / "bad.toml").write_text("\n".join([SUITE, *parts]))

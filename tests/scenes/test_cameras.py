@@ -378,7 +378,7 @@ def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, shif
     one, right, late = (told(replace(ONE, cameras=cameras)) for cameras in ((), (RIGHT,), (LATE,)))
     assert told(replace(ONE, cameras=(RIGHT, LATE))) - one == pytest.approx((right - one) + (late - one), rel=1e-6)
     alone = [told(replace(ONE, mount=each.mount, camera=each.camera)) for each in (RIGHT, LATE)]
-    assert right - late == pytest.approx(alone[0] - alone[1], rel=1e-6)
+    assert right - late == pytest.approx(alone[0] - alone[1], rel=0.02)  # alone, its images are on the contact sheet
     assert right - one > 8 * 128 * 96
     delayed = replace(ONE, name="a-s0", clock=CameraClock(timeshift_cam_imu_s=SHIFT_S))
     assert extents([Render(delayed, tmp_path / "a-s0")])[0].frames == len(shifted)
