@@ -16,6 +16,7 @@ from tests.scenes.test_bag_exports import read
 from tests.trajectories.scene import BOX, standing
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
+from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.tasks import Render
 from uavbench.scenes.dataset.body import body_of
@@ -377,8 +378,13 @@ def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, shif
 
     one, right, late = (told(replace(ONE, cameras=cameras)) for cameras in ((), (RIGHT,), (LATE,)))
     assert told(replace(ONE, cameras=(RIGHT, LATE))) - one == pytest.approx((right - one) + (late - one), rel=1e-6)
-    alone = [told(replace(ONE, mount=each.mount, camera=each.camera)) for each in (RIGHT, LATE)]
-    assert right - late == pytest.approx(alone[0] - alone[1], rel=0.02)  # alone, its images are on the contact sheet
+
+    def of_frames(spec: SequenceSpec) -> float:  # both fill the contact sheet, which shows the main camera alone
+        return sequence_bytes(spec, 40, 1.0) - sequence_bytes(spec, 20, 1.0)
+
+    second = [of_frames(replace(ONE, cameras=(each,))) for each in (RIGHT, LATE)]
+    alone = [of_frames(replace(ONE, mount=each.mount, camera=each.camera)) for each in (RIGHT, LATE)]
+    assert second[0] - second[1] == pytest.approx(alone[0] - alone[1], rel=1e-6)
     assert right - one > 8 * 128 * 96
     delayed = replace(ONE, name="a-s0", clock=CameraClock(timeshift_cam_imu_s=SHIFT_S))
     assert extents([Render(delayed, tmp_path / "a-s0")])[0].frames == len(shifted)
