@@ -10,12 +10,14 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
+from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.ranking import Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
 
 SEARCH_EVERY = 8
 """Frames between searches that find nothing better, while support is sufficient: limits their time."""
@@ -43,6 +45,7 @@ class Decider:
         self.fitter, self.state, self.config = fitter, state, config
         self.relocator = Relocator(fitter, camera)
         self.doubts = Doubts(self.relocator)
+        self.places = Places(fitter.edges, camera, config.relocalization.search.view_step_rad, fitter.rng)
         self.until_search = 0
         self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
@@ -68,6 +71,7 @@ class Decider:
         self.doubts.end()
         self.relocator.forget()
         self.fitter.forget()
+        self.places.forget()
         self.state.begin_again(self.initial, self.initial_range_m)
 
     def is_as_given(self, fit: Fit) -> bool:
@@ -153,6 +157,12 @@ class Decider:
         due = self.until_search < 0 or self.relocator.under_way
         return slow or due or not fit.support >= loss.min_support
 
+    def recalled(self, frame: Frame, fit: Fit) -> list[Pose]:
+        """Likely poses of a frame that the prediction does not explain, by what the run has seen before."""
+        if self.state.is_first or fit.support >= self.config.loss.min_support:
+            return []
+        return self.places.recalled(frame.image, self.fitter.work)
+
     def is_slow(self, frame: Frame) -> bool:
         """Whether motion was extrapolated for so long that the fit may be to a neighbouring edge."""
         return frame.extrapolated_s >= self.config.loss.slow_s
@@ -168,8 +178,9 @@ class Decider:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
         scale = self.state.prediction_errors.scale
+        recalled = self.recalled(frame, fit)
         found = self.relocator.search(
-            Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow)
+            Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow, recalled)
         )
         given = first and self.is_as_given(fit)
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.

@@ -72,6 +72,7 @@ class EdgeFitter:
         self.blur = Blur()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
+        self.rng = rng
         self.draws = rng.random((HYPOTHESES, EDGES_DRAWN * DRAWS_PER_EDGE))
         self.forget()
 

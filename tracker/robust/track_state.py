@@ -58,9 +58,11 @@ class TrackState:
 
         recent: whether the last pose is.
         """
-        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= 0.0:
+        poses = SEARCHED_POSES if searched else HYPOTHESES
+        if not fit.finite or fit.log10_false_alarms(poses) >= 0.0:
             return False
-        return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted, recent)
+        enough = fit.support >= self.required_support(fit, predicted, searched)
+        return enough or self.is_there(fit, predicted, recent, poses)
 
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
         """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
@@ -71,7 +73,7 @@ class TrackState:
         far = unusual and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
         return max(loss.min_support, loss.far_part * self.usual_support if far or searched or self.is_lost else 0.0)
 
-    def is_there(self, fit: Fit, predicted: Motion, recent: bool) -> bool:
+    def is_there(self, fit: Fit, predicted: Motion, recent: bool, poses: int = HYPOTHESES) -> bool:
         """Whether a track goes on near the prediction because chance would not match as many edges.
 
         Of a recent pose (recent) half of the edges are enough, also after a few frames that were lost: patches that an
@@ -79,7 +81,7 @@ class TrackState:
         """
         if self.is_first or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
             return False
-        loss, log10_nfa = self.config.loss, fit.chance.edges + math.log10(HYPOTHESES)
+        loss, log10_nfa = self.config.loss, fit.chance.edges + math.log10(poses)
         if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:
             return True
         return not self.is_lost and log10_nfa < loss.log10_false_alarms

@@ -88,6 +88,8 @@ class RobustRun:
             return undecided(decision, frame, clock)
         with clock.stage("learn"):
             self.learn(frame, decision.fit, stamp_ns)
+            if not decision.doubted:
+                self.decider.places.add(frame.image, decision.fit.cam_from_world, decision.fit.range_m)
         return undecided(decision, frame, clock) if decision.doubted else tracked(decision.fit, clock)
 
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:

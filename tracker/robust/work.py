@@ -16,6 +16,10 @@ LOCATED_POINT = 1_100
 """Cost of locating a control point between the pixels, 2.2 us."""
 DISTANCES = 550_000
 """Cost of the distance transforms of an image, 1.1 ms."""
+FEATURES = 3_000_000
+"""Cost of finding the features of an image, 4 to 6 ms; 10 ms on bricks."""
+RECALLED, PER_LANDMARK = 330_000, 4_500
+"""Cost of a pose by the landmarks of a place, 0.7 ms, and more for each landmark, 9 us."""
 
 
 def sampling_evaluations(edges: int) -> int:
@@ -26,6 +30,11 @@ def sampling_evaluations(edges: int) -> int:
 def fit_evaluations(edges: int, points: int, patches: int) -> int:
     """Cost of a fit of so many control points and patches."""
     return FIT + PER_EDGE * edges + PER_POINT * points + PER_PATCH * patches
+
+
+def recall_evaluations(landmarks: int) -> int:
+    """Cost of a pose by so many landmarks of a place, once the features of the image are known."""
+    return RECALLED + PER_LANDMARK * landmarks
 
 
 @dataclass

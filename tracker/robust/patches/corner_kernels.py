@@ -131,3 +131,12 @@ def first_hit(eye: Array, ray: Array, triangles: Triangles) -> int:
             if 1e-6 < along < nearest:
                 nearest, face = along, triangles.face[m]
     return face
+
+
+@compiled("f1 f2 triangles", triangles=TRIANGLES)
+def first_hits(eye: Array, rays: Array, triangles: Triangles) -> Indices:
+    """The first face that each ray (n, 3) from the viewpoint `eye` hits, -1 for none."""
+    faces = np.empty(len(rays), np.int64)
+    for k in range(len(rays)):
+        faces[k] = first_hit(eye, rays[k], triangles)
+    return faces

@@ -1,5 +1,6 @@
 """The fits of one frame, the best one first."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,8 @@ class Sought(NamedTuple):
 
     guesses: poses around which to search, the most likely first, with its covariance (6, 6); first: a fit that was
     already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
-    prediction_scale: squared errors of this run's predictions relative to their covariances.
+    prediction_scale: squared errors of this run's predictions relative to their covariances; recalled: likely poses by
+    what the run saw before.
     """
 
     image: Image
@@ -36,13 +38,15 @@ class Sought(NamedTuple):
     sure: float = np.inf
     prediction_scale: float = 1.0
     thorough: bool = False
+    recalled: Sequence[Pose] = ()
 
 
 class Ranking:
     """The fits of one frame, ranked by support, weight of inliers, and distance from the most likely guess."""
 
     def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
-        self.config, self.from_guess = config, sought.guesses[0].inverse()
+        self.config = config
+        self.from_guess = [pose.inverse() for pose in (sought.guesses[0], *sought.recalled)]
         self.information = np.linalg.inv(sought.covariance)
         self.usual_chi2 = UNKNOWNS * sought.prediction_scale
         self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
@@ -57,9 +61,9 @@ class Ranking:
         return self.score - self.first
 
     def chi2(self, pose: Pose) -> float:
-        """Squared Mahalanobis distance of a pose from the most likely guess."""
-        away = (pose @ self.from_guess).log()
-        return float(away @ self.information @ away)
+        """Squared Mahalanobis distance of a pose from the most likely guess, or from a recalled pose that is nearer."""
+        away = np.array([(pose @ inverse).log() for inverse in self.from_guess])
+        return float(np.einsum("ki,ij,kj->k", away, self.information, away).min())
 
     def weighed(self, candidate: Candidate) -> Candidate:
         """A candidate, its score reduced by the log-probability of its pose."""

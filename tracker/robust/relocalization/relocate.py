@@ -16,7 +16,7 @@ from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
-from uavbench.tracker.robust.relocalization.pose_arrays import distinct, motion, product_of
+from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.pose_search import (
     CANDIDATES,
     Candidate,
@@ -28,7 +28,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.rivals import Rivals
-from uavbench.tracker.robust.relocalization.tried_poses import NONE, TriedPoses
+from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
 from uavbench.tracker.stage_clock import StageClock
@@ -120,8 +120,9 @@ class Relocator:
         work, config = self.fitter.work, self.config
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
         self.move_along(guesses[0])
+        recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
-        if not self.fit_in_turn(self.at_guesses(guesses, ranking), sought, ranking):
+        if not self.fit_in_turn(self.at_guesses([*recalled, *guesses], ranking), sought, ranking):
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
             work.done += DISTANCES
             candidates = self.score(target, guesses, ranking, self.is_uncertain(sought))

@@ -1,35 +1,17 @@
 """The poses that a search has fitted, to avoid repetitions and to compare the best one with the others."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.robust.relocalization.pose_arrays import NONE, PoseStack
 from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch
 from uavbench.trajectories.pose import Array
 
 COMPARED = 12
 """Number of edge points by which two poses are compared, spread over all visible edges."""
-
-
-class PoseStack(NamedTuple):
-    """Rotation matrices R (k, 3, 3) and translations t (k, 3)."""
-
-    R: Array
-    t: Array
-
-    def moved(self, by: RigidMotion) -> "PoseStack":
-        """The poses multiplied by `by` from the left."""
-        return PoseStack(by.R @ self.R, self.t @ by.R.T + by.t)
-
-    def added(self, pose: RigidMotion) -> "PoseStack":
-        """The poses with one more appended."""
-        return PoseStack(np.concatenate([self.R, pose.R[None]]), np.concatenate([self.t, pose.t[None]]))
-
-
-NONE = PoseStack(np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
 
 @dataclass

@@ -1,0 +1,105 @@
+"""Compiled RANSAC: the pose near a start at which most matches agree (Fischler & Bolles 1981)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.geometry_kernels import RigidMotion, se3_exp_left, solve6
+from uavbench.tracker.robust.solver.solve_kernels import add_row
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+HYPOTHESES, DRAWN = 128, 3
+"""Hypotheses, and matches of each, which determine its pose. Where three of ten matches are right, and every match is
+drawn as often, one has three right ones with a probability of 97 %."""
+STEPS = 6
+"""Gauss-Newton steps of a hypothesis, in which turns of 40 degrees converge."""
+REFINEMENTS = 10
+"""Steps in which the best hypothesis is refined by all matches that agree with it."""
+DAMPING = 1e-6
+"""Part by which the normal equations of points on a line are kept positive definite."""
+LEAST_DEPTH = 1e-3
+"""Least depth of a point before the camera, as a part of that of the first one at the start."""
+UNLIMITED = 1e3
+"""A limit of errors that none reaches, in units of the focal length."""
+
+
+class MatchedPose(NamedTuple):
+    """A pose R (3, 3), t (3,) and the cost of all matches at it, at most 1 each; inf where there is none."""
+
+    R: Array
+    t: Array
+    cost: float
+
+
+@compiled("f2 f1 f1 f1 f0 f0 f2! f1!", inner=True)
+def add_match(R: Array, t: Array, point: Array, seen: Array, least: float, limit: float, A: Array, b: Array) -> float:
+    """Add a match, weighed by Tukey's biweight, to the normal equations (A, b), in place.
+
+    Returns its squared error in units of the limit, beyond which it is not added; inf where it is nearer than `least`.
+    """
+    x = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
+    y = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]
+    z = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]
+    if not z > least:
+        return np.inf
+    u, v = x / z, y / z
+    du, dv = seen[0] - u, seen[1] - v
+    error = (du * du + dv * dv) / (limit * limit)
+    if error < 1.0:
+        w = (1.0 - error) * (1.0 - error)
+        add_row(A, b, np.array([1.0 / z, 0.0, -u / z, -u * v, 1.0 + u * u, -v]), du, w)
+        add_row(A, b, np.array([0.0, 1.0 / z, -v / z, -1.0 - v * v, u * v, u]), dv, w)
+    return float(error)
+
+
+@compiled("f2! f1 f1!", inner=True)
+def solve_damped(A: Array, b: Array, x: Array) -> None:
+    """Solve the normal equations for the twist x (6,), in place; NaN where they have no solution."""
+    for i in range(6):
+        A[i, i] += DAMPING * A[i, i]
+    if not solve6(A, b, x):
+        x[:] = np.nan
+
+
+@compiled("f2 f2 f2 f1 f2 f0")
+def pose_of_matches(points: Array, seen: Array, R: Array, t: Array, draws: Array, outlier: float) -> MatchedPose:
+    """The pose at which most points (n, 3) are where they are seen, (n, 2) in units of the focal length.
+
+    The best matches come first and are drawn most often (as in Chum & Matas 2005). R, t: start of every hypothesis;
+    draws (k, 3) in [0, 1): the matches of each; outlier: limit of the error.
+    """
+    n = len(points)
+    least = LEAST_DEPTH * abs(R[2] @ points[0] + t[2])
+    best, lowest = RigidMotion(R.copy(), t.copy()), np.inf
+    A, b, xi = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    for k in range(len(draws)):
+        R_k, t_k = R.copy(), t.copy()
+        for _ in range(STEPS):
+            A[:], b[:] = 0.0, 0.0
+            for s in range(DRAWN):
+                row = int(draws[k, s] * draws[k, s] * n)
+                add_match(R_k, t_k, points[row], seen[row], least, UNLIMITED, A, b)
+            solve_damped(A, b, xi)
+            R_k, t_k = se3_exp_left(R_k, t_k, xi)
+        cost, row = 0.0, 0
+        while row < n and cost < lowest:
+            error = add_match(R_k, t_k, points[row], seen[row], least, outlier, A, b)
+            cost += error if error < 1.0 else 1.0
+            row += 1
+        if cost < min(lowest, float(n)):
+            best, lowest = RigidMotion(R_k, t_k), cost
+    if not lowest < np.inf:
+        return MatchedPose(best.R, best.t, lowest)
+    for _ in range(REFINEMENTS):
+        A[:], b[:] = 0.0, 0.0
+        for row in range(n):
+            add_match(best.R, best.t, points[row], seen[row], least, outlier, A, b)
+        solve_damped(A, b, xi)
+        best = se3_exp_left(best.R, best.t, xi)
+    R_k, t_k = best
+    cost = 0.0
+    for row in range(n):
+        error = add_match(R_k, t_k, points[row], seen[row], least, outlier, A, b)
+        cost += error if error < 1.0 else 1.0
+    return MatchedPose(R_k, t_k, cost if np.isfinite(t_k).all() else np.inf)
