@@ -5,13 +5,14 @@ import pytest
 
 from uavbench.tracker.robust.config.edges import AppearanceConfig, WeightConfig
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
+from uavbench.tracker.robust.edges.profile_kernels import learn_squares
 from uavbench.tracker.robust.edges.weight_kernels import offset_variances, point_variances
 from uavbench.tracker.robust.kernel_values import kernel_values
 
 WEIGHTS = WeightConfig()
 WEAK_STEP = AppearanceConfig().weak_step_grey
 OWN_VARIANCE = WEIGHTS.point_variance_px2
-SILHOUETTE_VARIANCE, CREASE_VARIANCE = WEIGHTS.silhouette_variance_px2, WEIGHTS.crease_variance_px2
+OFFSET_VARIANCE, SHARED = WEIGHTS.offset_variance_px2, WEIGHTS.shared_part
 
 
 def of_one_edge(learned, *, times=1.0, side=1, distance=0.2, contrast=50.0, trusted=1.0):
@@ -27,21 +28,65 @@ def of_one_edge(learned, *, times=1.0, side=1, distance=0.2, contrast=50.0, trus
     return own, offset_variances(measured, kernel_values(WEIGHTS))
 
 
-@pytest.mark.parametrize("learned", [0.0, 0.01, 0.4])
+@pytest.mark.parametrize("learned", [1e-4, 0.01, 0.4])
 def test_a_control_point_errs_by_what_was_learned_of_it(learned):
     own, shared = of_one_edge(learned)
     assert own == pytest.approx([OWN_VARIANCE + learned] * 3)
-    assert shared == pytest.approx([SILHOUETTE_VARIANCE])
+    assert shared == pytest.approx([min(OFFSET_VARIANCE, SHARED * learned)])
 
 
 def test_one_that_is_not_known_yet_errs_by_its_contrast():
     for contrast in (WEAK_STEP / 2, WEAK_STEP, 4 * WEAK_STEP):
-        own, _ = of_one_edge(9.0, times=0.0, contrast=contrast)
+        own, shared = of_one_edge(9.0, times=0.0, contrast=contrast)
         assert own == pytest.approx([OWN_VARIANCE + min(1.0, WEAK_STEP / contrast) ** 2] * 3)
+        assert shared == pytest.approx([OFFSET_VARIANCE])
 
 
-def test_the_offset_of_an_edge_is_wider_on_creases_and_where_it_weighs_less():
-    assert of_one_edge(0.0, side=0)[1] == pytest.approx([CREASE_VARIANCE])
-    assert of_one_edge(0.0, trusted=0.5)[1] == pytest.approx([2 * SILHOUETTE_VARIANCE])
-    assert of_one_edge(0.0, trusted=0.001)[1] == pytest.approx([50 * SILHOUETTE_VARIANCE])
-    assert of_one_edge(0.0, distance=np.inf)[1] == pytest.approx([SILHOUETTE_VARIANCE])
+def test_the_offset_of_an_edge_is_wider_where_it_weighs_less_and_never_wider_than_its_points():
+    assert of_one_edge(9.0, side=0)[1] == pytest.approx([OFFSET_VARIANCE])
+    assert of_one_edge(9.0, trusted=0.5)[1] == pytest.approx([2 * OFFSET_VARIANCE])
+    assert of_one_edge(9.0, trusted=0.001)[1] == pytest.approx([50 * OFFSET_VARIANCE])
+    assert of_one_edge(9.0, distance=np.inf)[1] == pytest.approx([OFFSET_VARIANCE])
+    assert of_one_edge(1e-3, trusted=0.001)[1] == pytest.approx([SHARED * 1e-3])
+
+
+def test_one_bad_point_does_not_widen_the_offset_of_its_edge():
+    three = np.array([1e-3, 1e-3, 1.0])
+    assert of_one_edge(three)[1] == pytest.approx([SHARED * 1.5e-3], rel=1e-3)
+
+
+def fitted_and_learned(rng, count, spread_px):
+    """Mean squares learned from poses fitted to so many points of one part of an edge, and the poses' chi-squares.
+
+    The pose is one shift along the normal: its error is the points' mean.
+    """
+    lines = SearchLines(np.zeros((count, 4)), np.zeros((count, 6)), np.ones(count, np.int64))
+    lines.jacobian[:, 0] = 1.0
+    appearance, rows, learned, squares = np.zeros((1, 8)), np.zeros(count, np.int64), [], []
+    appearance[0, 6], appearance[0, 7] = 1.0, 1.0
+    for _ in range(3000):
+        found, covariance = rng.normal(0.0, spread_px, count), np.zeros((6, 6))
+        covariance[0, 0] = appearance[0, 7] / count
+        squares.append(found.mean() ** 2 / covariance[0, 0])
+        learn_squares(lines, rows, found - found.mean(), covariance, appearance, kernel_values(AppearanceConfig()))
+        appearance[:, 6] += 1
+        learned.append(appearance[0, 7])
+    return np.mean(learned[500:]), np.mean(squares[500:])
+
+
+@pytest.mark.parametrize("count", [2, 3, 20])
+def test_what_the_pose_follows_is_learned_too_and_the_covariance_is_consistent(count):
+    """The residuals alone hold only 1 - 1 / count of the squares."""
+    learned, square = fitted_and_learned(np.random.default_rng(1), count, 0.1)
+    assert learned == pytest.approx(0.1**2, rel=0.08)
+    assert 0.85 < square < 1.25
+
+
+def test_a_point_that_is_not_found_or_not_known_learns_nothing():
+    lines = SearchLines(np.zeros((2, 4)), np.zeros((2, 6)), np.ones(2, np.int64))
+    appearance = np.zeros((2, 8))
+    appearance[0, 6], appearance[:, 7] = 1.0, 0.3
+    learn_squares(
+        lines, np.arange(2), np.array([np.inf, 0.0]), np.eye(6), appearance, kernel_values(AppearanceConfig())
+    )
+    assert appearance[:, 7] == pytest.approx([0.3, 0.3])

@@ -16,7 +16,7 @@ from uavbench.tracker.robust.edges.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, search, search_range
+from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, learn_squares, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import BINS, sample_edges, search_lines
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
@@ -207,7 +207,7 @@ class EdgeFitter:
             self.appearance,
             fitted,
             self.blur.px,
-            self.values.subpixel,
+            self.values.weights,
         )
         candidates = Candidates(steps.distance, found.measured.candidates.contrast)
         alone = contrast_weights(problem.points.rows, self.appearance, self.weak_step, self.values.weights)
@@ -307,6 +307,7 @@ class EdgeFitter:
         rows, values = used.points.rows, self.values.appearance
         near = np.abs(weighting.residual) < self.values.widths.last[-1]
         distance = np.where(near, weighting.residual, np.inf)
+        learn_squares(lines, rows, distance, fit.covariance, self.appearance, values)
         learn(image, lines, rows, weighting.weight, distance, self.appearance, values)
         alone = np.where((used.steps == 1) & (weighting.weight > 0), distance, np.inf)
         self.blur.learn(excess_blur(image, lines, rows, self.appearance, alone, self.blur.px), values.learning_rate)

@@ -8,7 +8,6 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.edges import (
     AppearanceConfig,
     SearchConfig,
-    SubpixelConfig,
     WeightConfig,
 )
 from uavbench.tracker.robust.config.solver import EstimatorConfig
@@ -30,7 +29,6 @@ class KernelConfig(NamedTuple):
     search: SearchConfig
     appearance: AppearanceConfig
     weights: WeightConfig
-    subpixel: SubpixelConfig
     estimator: EstimatorConfig
     widths: Widths
 
@@ -42,7 +40,6 @@ class KernelConfig(NamedTuple):
             kernel_values(edges.search),
             kernel_values(edges.appearance),
             kernel_values(edges.weights),
-            kernel_values(edges.subpixel),
             kernel_values(solver.estimator),
             Widths(*map(np.array, (e.coarse_widths_px, e.fine_widths_px, e.fine_widths_px[-2:]))),
         )

@@ -36,6 +36,8 @@ CANDIDATES = 4
 """Most candidates on a search line: limits the time of hypotheses, which sample among them."""
 SIGMAS = 3.0
 """Half length of search lines in standard deviations: contains 99.7 % of a normal distribution."""
+MOST_SQUARE_PX2 = 1.0
+"""Largest mean square of an edge's distance that is assumed without being observed: beyond it lie other steps."""
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
 SEARCH, APPEARANCE = kernel_type(SearchConfig), kernel_type(AppearanceConfig)
@@ -192,9 +194,6 @@ def learn(
         r = rows[p]
         if side[p] == OUTSIDE or residual[p] == np.inf:
             continue
-        if appearance[r, TIMES_SEEN] > 0.0:
-            gain = max(config.learning_rate, 1.0 / (2.0 + appearance[r, TIMES_SEEN]))
-            appearance[r, MEAN_SQUARE] += gain * (residual[p] * residual[p] - appearance[r, MEAN_SQUARE])
         if not found[p] > 0.0 or abs(residual[p]) > config.max_colour_residual_px:
             continue
         if not sample_profile(image, lines[p], BESIDE, colours):
@@ -215,7 +214,29 @@ def learn(
 @compiled("f0 f0", inner=True)
 def first_square(step: float, weak_step: float) -> float:
     """Expected mean square residual in px^2 of an edge with a step in grey levels, before any observation."""
-    return min(1.0, 0.01 + (weak_step / max(step, 1.0)) ** 2)
+    return min(MOST_SQUARE_PX2, 0.01 + (weak_step / max(step, 1.0)) ** 2)
+
+
+@compiled("lines i1 f1 f2 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
+def learn_squares(
+    at: SearchLines, rows: Indices, residual: Array, covariance: Array, appearance: Array, config: AppearanceConfig
+) -> None:
+    """Update the mean squares of `appearance` in place with the expected squares of the distances at the true pose.
+
+    residual (n,): distance in px at a fitted pose, inf for none; covariance (6, 6) of that pose, which may have
+    followed the very offsets that are learned (an expectation step: Dempster, Laird & Rubin 1977).
+    """
+    J = at.jacobian
+    for p in range(len(rows)):
+        row = appearance[rows[p]]
+        if at.side[p] == OUTSIDE or residual[p] == np.inf or not row[TIMES_SEEN] > 0.0:
+            continue
+        left_open = 0.0
+        for i in range(6):
+            for j in range(6):
+                left_open += J[p, i] * covariance[i, j] * J[p, j]
+        gain = max(config.learning_rate, 1.0 / (2.0 + row[TIMES_SEEN]))
+        row[MEAN_SQUARE] += gain * (residual[p] ** 2 + min(MOST_SQUARE_PX2, left_open) - row[MEAN_SQUARE])
 
 
 @compiled("f2 f2 f0 f0")

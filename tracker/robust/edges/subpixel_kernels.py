@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.config.edges import SubpixelConfig
+from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, NORMAL_U, NORMAL_V, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LINES, ControlPoints, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
@@ -19,8 +19,7 @@ from uavbench.tracker.robust.edges.step_kernels import (
     fit_step,
     learned_light,
 )
-from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE
-from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -35,7 +34,6 @@ COARSE_LINES, FINE_LINES = 1, 4
 """Scan lines to either side of a control point, of a first fit and of one at its step: each is linear in the shift."""
 BENT_PX = 8.0
 """Most that the lens bends an edge: those farther from the line of their first point are not looked at."""
-SUBPIXEL = kernel_type(SubpixelConfig)
 
 
 class FittedPoints(NamedTuple):
@@ -61,11 +59,11 @@ FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
 
 
 @compiled(
-    "u3 lines points f2 fitted f0 subpixel",
+    "u3 lines points f2 fitted f0 weights",
     lines=SEARCH_LINES,
     points=CONTROL_POINTS,
     fitted=FITTED_POINTS,
-    subpixel=SUBPIXEL,
+    weights=WEIGHTS,
 )
 def refine_subpixel(
     image: Image,
@@ -74,12 +72,13 @@ def refine_subpixel(
     appearance: Array,
     fitted: FittedPoints,
     blur_px: float,
-    config: SubpixelConfig,
+    config: WeightConfig,
 ) -> SubpixelEdges:
     """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
 
-    blur_px: standard deviation of the blur. If no step can be fitted, distance and variance are those of `fitted`, with
-    an infinite distance for a weight of 0.
+    blur_px: standard deviation of the blur. The variance is that of the fit, and the part of the learned mean square
+    that the edge's offset leaves. If no step can be fitted, distance and variance are those of `fitted`, with an
+    infinite distance for a weight of 0.
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
@@ -110,7 +109,8 @@ def refine_subpixel(
             found = fit_step(image, edges[:steps], near.distance, Strip(along, FINE_LINES, blur_px), colour, sums)
             if abs(found.distance - start) < MAX_SHIFT_PX:
                 distance[p, 0], together[p] = found.distance, steps
-                variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
+                learned = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
+                variance[p] = found.variance_px2 + learned
     return SubpixelEdges(distance, variance, together)
 
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.columns import (
-    CREASE,
     EDGE,
     MEAN_SQUARE,
     NEGATIVE_COLOUR,
@@ -105,7 +104,7 @@ def point_weights(
 def point_variances(
     points: ControlPoints, found: Candidates, appearance: Array, weak_step: float, config: WeightConfig
 ) -> Array:
-    """Independent variance (n,) in px^2 of each control point, in addition to the offset of its edge.
+    """Variance (n,) in px^2 of each control point of a search: its mean square distance and that of the search.
 
     weak_step: step in grey levels of an edge with an assumed error of 1 px before it is learned.
     """
@@ -125,19 +124,24 @@ def point_variances(
 
 @compiled("measured weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
 def offset_variances(measured: EdgeMeasurements, config: WeightConfig) -> Array:
-    """Prior variance (g,) in px^2 of the offset shared by all control points of an edge; larger for less weight."""
+    """Prior variance (g,) in px^2 of the offset shared by all control points of an edge.
+
+    measured: of a search, with the variances of `point_variances`. It is the shared part of the harmonic mean of what
+    the points were found to err, since the best of them tell most of the offset; no more than that of any edge, which
+    is larger for less weight.
+    """
     first = measured.points.first
     shared = np.empty(len(first) - 1)
     for g in range(len(shared)):
-        p = first[g]
-        crease = measured.lines.side[p] == CREASE
-        shared[g] = config.crease_variance_px2 if crease else config.silhouette_variance_px2
-        weight, found = 0.0, 0
+        information, weight, found = 0.0, 0.0, 0
         for p in range(first[g], first[g + 1]):
+            information += 1.0 / (measured.variance_px2[p] - config.point_variance_px2)
             if measured.candidates.distance[p, 0] < np.inf:
                 weight, found = weight + measured.weight[p], found + 1
+        shared[g] = config.offset_variance_px2
         if found > 0:
             shared[g] *= found / max(weight, LEAST_WEIGHT * found)
+        shared[g] = min(shared[g], config.shared_part * (first[g + 1] - first[g]) / information)
     return shared
 
 
