@@ -8,6 +8,9 @@ from uavbench.trajectories.pose import Array, Pose
 
 __all__ = ["Motion", "body_path", "camera_path", "mounted_path"]
 
+KEPT_POSES = 8
+"""Times at which poses of a camera are kept: drawing, antialiasing and every annotation of a frame ask for the same."""
+
 
 def camera_path(flight: Motion, cam_from_body: Pose) -> Callable[[int], Pose]:
     """`cam_from_world` at any time (ns) of a camera with a fixed mount, interpolated as `body_path`."""
@@ -17,7 +20,12 @@ def camera_path(flight: Motion, cam_from_body: Pose) -> Callable[[int], Pose]:
 def mounted_path(flight: Motion, cam_from_body: Callable[[int], Pose]) -> Callable[[int], Pose]:
     """`cam_from_world` at any time (ns) of a camera whose pose on the body depends on time."""
     world_from_body = body_path(flight)
-    return lambda stamp_ns: cam_from_body(stamp_ns) @ world_from_body(stamp_ns).inverse()
+
+    @lru_cache(maxsize=KEPT_POSES)
+    def at(stamp_ns: int, rows: int) -> Pose:  # a flight in progress is extrapolated until it has more rows
+        return cam_from_body(stamp_ns) @ world_from_body(stamp_ns).inverse()
+
+    return lambda stamp_ns: at(stamp_ns, len(flight))
 
 
 def body_path(flight: Motion) -> Callable[[int], Pose]:

@@ -137,8 +137,8 @@ class Pose:
     @property
     def matrix(self) -> Array:
         """Homogeneous (4, 4) matrix."""
-        m = np.eye(4)
-        m[:3, :3], m[:3, 3] = self.rotation, self.translation
+        m = np.zeros((4, 4))
+        m[:3, :3], m[:3, 3], m[3, 3] = self.rotation, self.translation, 1.0
         return m
 
     @property

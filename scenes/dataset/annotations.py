@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.edges.edge_lines import edge_lines
 from uavbench.scenes.dataset.edges.sample_kernels import (
     clip_edges,
     join_seen,
@@ -38,12 +39,12 @@ def write_depth(folder: Path, frame: int, depth_m: NDArray[np.float32]) -> None:
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     units = np.empty(depth.shape, dtype=np.uint16)
     depth_units(depth.reshape(-1), DEPTH_M_PER_UNIT, units.reshape(-1))
-    _write(folder / "depth" / f"{frame:06d}.png", units)
+    put_file(folder / "depth" / f"{frame:06d}.png", png(units, smooth=True))
 
 
 def write_mask(folder: Path, frame: int, instances: NDArray[np.uint8]) -> None:
     """Write `mask/NNNNNN.png`: 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 everything else."""
-    _write(folder / "mask" / f"{frame:06d}.png", instances)
+    put_file(folder / "mask" / f"{frame:06d}.png", png(instances, smooth=True))
 
 
 def write_edges(
@@ -51,12 +52,8 @@ def write_edges(
 ) -> None:
     """Write `edges/NNNNNN.csv`: each visible part of each edge, with its ends, share of the edge, and contrast."""
     rows = visible_edges(structure, source, view, image)
-    line = "%d" + ",%.4f" * (len(EDGE_COLUMNS) - 1) + "\n"
-    lines = line * len(rows) % tuple(rows.reshape(-1).tolist())
-    path = folder / "edges" / f"{frame:06d}.csv"
-    if not path.parent.is_dir():
-        path.parent.mkdir(exist_ok=True)
-    path.write_text(",".join(EDGE_COLUMNS) + "\n" + lines, encoding="utf-8", newline="\n")
+    header = (",".join(EDGE_COLUMNS) + "\n").encode()
+    put_file(folder / "edges" / f"{frame:06d}.csv", header + edge_lines(rows))
 
 
 def visible_edges(structure: Structure, source: CameraSimulator, view: View, image: NDArray[np.uint8]) -> Array:
@@ -165,7 +162,10 @@ def as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)])
 
 
-def _write(path: Path, image: NDArray[Any]) -> None:
-    if not path.parent.is_dir():
+def put_file(path: Path, data: bytes) -> None:
+    """Write a file of a frame into a folder that is made for the first one."""
+    try:
+        path.write_bytes(data)
+    except FileNotFoundError:
         path.parent.mkdir(exist_ok=True)
-    path.write_bytes(png(image, smooth=True))
+        path.write_bytes(data)

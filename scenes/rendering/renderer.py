@@ -30,6 +30,7 @@ from uavbench.trajectories.pose import Array, Pose
 
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 NEAR_M, FAR_M = 0.05, 2000.0
+AT_REST = np.eye(4)
 MIRROR_UNIT, FILM_UNIT, SOIL_UNIT = 2, 5, 6
 """Texture units of a mirrored image, wet ground and dirt; `lighting` has further ones, unit 0 is the surface's."""
 KEPT_TIMES = 2
@@ -138,7 +139,7 @@ class Renderer:
             program = self._lit[self._look(mesh, into is not None)][mesh.cutout]
             program.use()
             self._bind(mesh.part, program, into is not None)
-            program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
+            program.matrix("model", AT_REST if mover is None else mover.world_from_part(time_s).matrix)
             program.number("roughness", mesh.part.roughness)
             program.number("first_facet", first + 1.0)
             mesh.draw()
@@ -179,7 +180,7 @@ class Renderer:
         for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True):
             program = self._geometry[mesh.cutout]
             program.use()
-            program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
+            program.matrix("model", AT_REST if mover is None else mover.world_from_part(time_s).matrix)
             program.number("first_facet", first + 1.0)
             mesh.draw()
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)

@@ -8,6 +8,8 @@ import pytest
 from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, visible_edges
+from uavbench.scenes.dataset.edges.edge_lines import edge_lines
+from uavbench.scenes.dataset.edges.sample_kernels import see
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.renderables import Part
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera, sample
@@ -80,3 +82,45 @@ def across_the_edge(light: np.ndarray, ends: np.ndarray, camera: Camera, pose: o
     profile = sample(light, (at[:, None] + steps[:, None] * across[:, None]).astype(np.float32)).mean(axis=0)
     before, after = profile[steps < -FAR_PX].mean(), profile[steps > FAR_PX].mean()
     return float(((after - profile) / (after - before)).sum() * 0.125 - REACH_PX - 0.0625)
+
+
+def test_lines_of_edges_are_as_python_formats_them() -> None:
+    """Ties of the last digit, signs and zeros among them: files keep their bytes."""
+    values = np.concatenate(
+        [
+            np.random.default_rng(0).uniform(-2.0, 16384.0, 6000),
+            np.arange(-6000, 6000) / 32.0,
+            np.arange(12000) / 20000.0,
+            [-0.0, 0.0, -1e-9, 5e-5, -5e-5, 1.5e-4, 0.99995, 9.99995, 255.0, -16384.0, 123456789.25, 1e-300],
+        ]
+    ).reshape(-1, 6)
+    rows = np.column_stack([np.arange(len(values)), values])
+    line = "%d" + ",%.4f" * 6 + "\n"
+    assert edge_lines(rows).decode() == line * len(rows) % tuple(rows.reshape(-1).tolist())
+    assert edge_lines(np.zeros((0, 7))) == b""
+
+
+@pytest.mark.parametrize(
+    ("around", "visible"),
+    [(1.0, False), (2.0, True), (1.989, True), (1.97, False), (0.0, True)],
+    ids=["before", "as far", "within the tolerance", "just outside of it", "background"],
+)
+@pytest.mark.parametrize("place", [(0, 0), (1, 0), (2, 2), (1, 1)], ids=str)
+def test_a_sample_is_visible_if_any_pixel_around_it_is_no_nearer(
+    around: float, visible: bool, place: tuple[int, int]
+) -> None:
+    """The pixel that decides is one of nine; all others show something nearer."""
+    depth = np.full((5, 5), 1.0, dtype=np.float32)
+    depth[1 + place[0], 1 + place[1]] = around
+    seen = np.empty(1, dtype=np.bool_)
+    see(np.array([[0.0, 0.0, 2.0]]), (1.0, 1.0, 2.0, 2.0), depth, np.array([[2.0, 2.0]]), (5, 5), seen)
+    assert bool(seen[0]) == visible
+
+
+def test_a_sample_in_a_corner_sees_only_pixels_of_the_image() -> None:
+    """Pixels that the neighbourhood would have beyond the border are none; those two away do not count."""
+    depth = np.full((5, 5), 1.0, dtype=np.float32)
+    depth[2:, :] = depth[:, 2:] = 2.0
+    seen = np.empty(1, dtype=np.bool_)
+    see(np.array([[0.0, 0.0, 2.0]]), (1.0, 1.0, 0.0, 0.0), depth, np.array([[0.0, 0.0]]), (5, 5), seen)
+    assert not seen[0]

@@ -9,7 +9,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.effects.exposure import MotionBlur
 from uavbench.scenes.effects.image_sensor import Noise
-from uavbench.scenes.generate import camera_path, generate
+from uavbench.scenes.generate import camera_path, generate, mounted_path
 from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor
@@ -93,6 +93,35 @@ def test_between_two_rows_the_camera_moves_with_constant_twist() -> None:
     at = camera_path(flight, Pose.identity())
     for stamp in (-500, 0, 250, 1000, 1500):
         assert at(stamp).inverse().log() == pytest.approx(stamp / 1000 * twist, abs=1e-12)
+
+
+class Growing:
+    """A flight in progress along x, of which so many rows are flown."""
+
+    def __init__(self, x_m: list[float]) -> None:
+        self.x_m, self.rows = x_m, 2
+        self.stamps_ns = 1000 * np.arange(len(x_m), dtype=np.int64)
+
+    def __len__(self) -> int:
+        return self.rows
+
+    def pose(self, row: int) -> Pose:
+        return Pose(np.eye(3), [self.x_m[row], 0.0, 0.0])
+
+
+def test_a_pose_of_the_camera_is_computed_once_until_more_of_the_flight_is_flown() -> None:
+    """A frame asks for it many times; beyond the last row it is another one as soon as there is a later row."""
+    flight, asked = Growing([0.0, 1.0, 5.0]), list[int]()
+
+    def mount(stamp_ns: int) -> Pose:
+        asked.append(stamp_ns)
+        return Pose.identity()
+
+    at = mounted_path(flight, mount)
+    assert [at(stamp).inverse().translation[0] for stamp in (1500, 1500, 500)] == [1.5, 1.5, 0.5]
+    assert asked == [1500, 500]
+    flight.rows = 3
+    assert at(1500).inverse().translation[0] == 3.0
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:

@@ -119,13 +119,14 @@ def _unoccluded(z: float, depth: Any, column: int, row: int) -> bool:
     """Whether a point at a depth is not behind a pixel, clipped to the image, or not behind one of those around it."""
     h, w = depth.shape
     column, row = min(max(column, 0), w - 1), min(max(row, 0), h - 1)
-    if _before(z, depth[row, column]):
+    nearest = farthest = depth[row, column]
+    if _before(z, nearest):
         return True
+    left, right = max(column - 1, 0), min(column + 1, w - 1)
     for i in range(max(row - 1, 0), min(row + 2, h)):
-        for j in range(max(column - 1, 0), min(column + 2, w)):
-            if _before(z, depth[i, j]):
-                return True
-    return False
+        a, b, c = depth[i, left], depth[i, column], depth[i, right]
+        nearest, farthest = min(nearest, a, b, c), max(farthest, a, b, c)
+    return _before(z, nearest) if nearest <= 0 else _before(z, farthest)
 
 
 @compiled

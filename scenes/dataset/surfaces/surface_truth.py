@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import camera_array
+from uavbench.scenes.dataset.annotations import put_file
 from uavbench.scenes.dataset.surfaces.flow_kernels import (
     Lens,
     Motions,
@@ -204,16 +205,10 @@ class SurfaceFiles:
 
 def write_normals(folder: Path, frame: int, filtered: NDArray[np.uint8]) -> None:
     """Write `normals/NNNNNN.png` from its filtered rows (h, 1 + 6 w)."""
-    _write(folder / "normals" / f"{frame:06d}.png", png_of_filtered(filtered, filtered.shape[1] // 6, smooth=True))
+    put_file(folder / "normals" / f"{frame:06d}.png", png_of_filtered(filtered, filtered.shape[1] // 6, smooth=True))
 
 
 def write_flow(folder: Path, frame: int, rows: NDArray[np.uint8], occlusion: NDArray[np.uint8]) -> None:
     """Write `flow/NNNNNN.png` from its rows (h, 6 w), and `occlusion/NNNNNN.png` (h, w)."""
-    _write(folder / "flow" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
-    _write(folder / "occlusion" / f"{frame:06d}.png", png(occlusion, smooth=True))
-
-
-def _write(path: Path, data: bytes) -> None:
-    if not path.parent.is_dir():
-        path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data)
+    put_file(folder / "flow" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
+    put_file(folder / "occlusion" / f"{frame:06d}.png", png(occlusion, smooth=True))
