@@ -7,7 +7,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
+from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter, Memory
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
@@ -28,7 +28,7 @@ class Decision(NamedTuple):
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
     well. searched: the fit is that of a pose search. doubted: a settled pose that is not told apart yet from those
-    around it.
+    around it. leads: an unsettled fit leads those at all likely poses.
     """
 
     fit: Fit
@@ -36,6 +36,14 @@ class Decision(NamedTuple):
     rivalled: bool = False
     searched: bool = False
     doubted: bool = False
+    leads: bool = False
+
+
+class Before(NamedTuple):
+    """What a run knew before it began again at a pose that is doubted."""
+
+    memory: Memory
+    state: TrackState
 
 
 class Decider:
@@ -49,6 +57,7 @@ class Decider:
         self.until_search = 0
         self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
+        self.before: Before | None = None
 
     def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
@@ -59,20 +68,47 @@ class Decider:
         self.state.is_lost = not settled
         if settled and first and not (self.kept_initial or self.is_as_given(fit)):
             self.doubts.begin(fit)
+        anew = self.begun_again(frame, fit, clock) if found.leads and not settled else None
+        if anew is not None:
+            fit, settled = anew, True
         if not settled or self.doubts.settled:
             return Decision(fit, settled, found.rivalled)
-        return Decision(self.doubted(frame, fit, clock), True, doubted=not self.doubts.settled)
+        fit = self.doubted(frame, fit, clock)
+        self.before = None if self.doubts.settled else self.before
+        return Decision(fit, True, doubted=not self.doubts.settled)
 
     def give_up_doubted(self) -> None:
         """Return to the initial pose from a doubted one, if there is one, that a frame does not confirm."""
         if self.doubts.settled:
             return
-        self.gave_up = True
         self.doubts.end()
         self.relocator.forget()
+        if self.before is not None:
+            self.fitter.remember(self.before.memory)
+            self.state.return_to(self.before.state)
+            self.before = None
+            return
+        self.gave_up = True
         self.fitter.forget()
-        self.places.forget()
         self.state.begin_again(self.initial, self.initial_range_m)
+
+    def begun_again(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
+        """A fit without memory at a pose found after a loss, at which the run begins again; None if it tells little.
+
+        What the structure looks like from there may not be known, so that support is compared with nothing.
+        """
+        if not self.doubts.settled:
+            return None
+        with clock.stage("relocalize"):
+            anew = self.doubts.anew(frame.image, fit, self.state.range_m)
+        if not self.state.may_begin_at(anew):
+            return None
+        self.before = Before(self.fitter.memory, replace(self.state))
+        self.fitter.forget()
+        self.state.begin_again(Motion(anew.cam_from_world, anew.covariance), anew.range_m)
+        self.state.is_lost = False
+        self.doubts.begin(anew)
+        return self.fitter.located(anew, clock)
 
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""
@@ -200,4 +236,5 @@ class Decider:
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
         if settled or (tracked and holds) or there:
             return Decision(fit, True, searched=unvouched)
-        return Decision(found.fit, False, rivalled)
+        leads = found.near_done and found.leads and self.state.is_lost and self.state.may_begin_at(found.fit)
+        return Decision(found.fit, False, rivalled, leads=leads and not first)

@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,15 @@ TAKE_EVERY = 4
 """Frames between searches for new patches while enough are found: limits their time."""
 
 
+class Memory(NamedTuple):
+    """What was learned: patches, biases, appearance of the edges, and in how many frames."""
+
+    texture: Texture
+    biases: NuisanceBiases
+    appearance: Array
+    frames: int
+
+
 class EdgeFitter:
     """Fits poses to images, and learns the appearance of the edges."""
 
@@ -86,6 +96,16 @@ class EdgeFitter:
     def forget_patches(self) -> None:
         """Forget the patches."""
         self.texture = Texture(self.edges, self.camera, self.view, self.config)
+        self.texture.now_s = self.now_s
+
+    @property
+    def memory(self) -> Memory:
+        """What was learned, which `forget` leaves as it is."""
+        return Memory(self.texture, self.biases, self.appearance, self.learned)
+
+    def remember(self, memory: Memory) -> None:
+        """Return to what was learned before it was forgotten."""
+        self.texture, self.biases, self.appearance, self.learned = memory
         self.texture.now_s = self.now_s
 
     def without_memory(self) -> "EdgeFitter":

@@ -1,7 +1,7 @@
 """State of a run of `robust` after its frames so far, and the support required of the next one."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
@@ -64,6 +64,11 @@ class TrackState:
         enough = fit.support >= self.required_support(fit, predicted, searched)
         return enough or self.is_there(fit, predicted, recent, poses)
 
+    def may_begin_at(self, fit: Fit) -> bool:
+        """Whether a fit that a search found would do as a first one, of which nothing is known."""
+        enough = fit.finite and fit.support >= self.config.initialization.min_support
+        return enough and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
+
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
         """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
         loss = self.config.loss
@@ -90,6 +95,11 @@ class TrackState:
         """Predict from an undecided frame's fit, if its support is that of a correct pose."""
         if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
             self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
+
+    def return_to(self, before: "TrackState") -> None:
+        """Return to an earlier state."""
+        for each in fields(self):
+            setattr(self, each.name, getattr(before, each.name))
 
     def begin_again(self, motion: Motion, range_m: float) -> None:
         """Begin again at a pose, as if no frame had been ok before."""

@@ -49,10 +49,6 @@ class Places:
     def __init__(self, edges: EdgeMap, camera: Camera, step: float, rng: np.random.Generator) -> None:
         self.edges, self.camera, self.step = edges, camera, step
         self.draws = rng.random((HYPOTHESES, DRAWN))
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget all places."""
         self.places: list[Place] = []
         self.poses = NONE
         self.apart, self.waited = self.step, False

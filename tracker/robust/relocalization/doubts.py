@@ -5,6 +5,7 @@ compared, and judged, by a fitter that has learned nothing.
 """
 
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
@@ -56,18 +57,27 @@ class Doubts:
         """Whether chance may explain the best of as many frames."""
         return fit.log10_false_alarms(frames) >= self.config.loss.log10_false_alarms
 
+    def anew(self, image: Image, fit: Fit, range_m: float) -> Fit:
+        """A fit at the pose of a given one, without memory."""
+        known = isotropic_covariance(self.config.initialization.sigma, range_m)
+        half_px = self.config.relocalization.refit_half_px
+        return self.without_memory().searched(image, fit.cam_from_world, known, StageClock(), half_px)
+
+    def without_memory(self) -> EdgeFitter:
+        """The fitter that has learned nothing, with what is left of the frame's budget."""
+        self.innocent.work, self.innocent.most_points = self.fitter.work, self.fitter.most_points
+        return self.innocent
+
     def better(self, image: Image, fit: Fit, range_m: float) -> Fit | None:
         """A fit with clearly more support than the given one, both without memory; None if none is found.
 
         It spends what is left of the frame's budget.
         """
-        innocent, config = self.innocent, self.config.relocalization
-        innocent.work, innocent.most_points = self.fitter.work, self.fitter.most_points
-        if not innocent.has_room_for(2):
+        config = self.config.relocalization
+        if not self.without_memory().has_room_for(2):
             self.without_room += 1
             return None
-        known = isotropic_covariance(self.config.initialization.sigma, range_m)
-        base = innocent.searched(image, fit.cam_from_world, known, StageClock(), config.refit_half_px)
+        base = self.anew(image, fit, range_m)
         if base.focus is None:
             return None
         self.judged += 1
