@@ -101,7 +101,7 @@ class Camera:
 
     def undistort(self, pixels: Array) -> Array:
         """Pixels (n, 2) of `without_distortion` seen at the pixels (n, 2) of this camera."""
-        if self.distortion_model == "none":
+        if self.distortion_model == "none" or not len(pixels):  # OpenCV has no answer for none
             return np.array(pixels, dtype=np.float64)
         points = np.ascontiguousarray(pixels, dtype=np.float64)[:, None]
         if self.distortion_model == "equidistant":

@@ -8,7 +8,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter, Memory
-from uavbench.tracker.robust.frames import Frame
+from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.pose_fit import Fit
@@ -28,7 +28,7 @@ class Decision(NamedTuple):
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
     well. searched: the fit is that of a pose search. doubted: a settled pose that is not told apart yet from those
-    around it. leads: an unsettled fit leads those at all likely poses.
+    around it. leads: in this frame and the last one, an unsettled fit leads those at all likely poses.
     """
 
     fit: Fit
@@ -44,6 +44,7 @@ class Before(NamedTuple):
 
     memory: Memory
     state: TrackState
+    photometry: Photometry
 
 
 class Decider:
@@ -58,14 +59,18 @@ class Decider:
         self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
+        self.led = False
 
     def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
         first = self.state.is_first
         found = self.initialized_or_recovered(frame, fit, clock)
+        patches = self.fitter.texture
         fit = self.without_patches(frame, found.fit, clock)
         settled = found.settled and self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
         self.state.is_lost = not settled
+        self.fitter.texture = self.fitter.texture if settled else patches
+        self.led &= not settled
         if settled and first and not (self.kept_initial or self.is_as_given(fit)):
             self.doubts.begin(fit)
         anew = self.begun_again(frame, fit, clock) if found.leads and not settled else None
@@ -77,33 +82,40 @@ class Decider:
         self.before = None if self.doubts.settled else self.before
         return Decision(fit, True, doubted=not self.doubts.settled)
 
-    def give_up_doubted(self) -> None:
-        """Return to the initial pose from a doubted one, if there is one, that a frame does not confirm."""
+    def give_up_doubted(self, before: Photometry) -> Photometry:
+        """Return from a doubted pose, if there is one, to what was known before, or to the initial pose.
+
+        Returns the photometry from then, or the given one.
+        """
         if self.doubts.settled:
-            return
+            return before
         self.doubts.end()
         self.relocator.forget()
         if self.before is not None:
+            before = self.before.photometry
             self.fitter.remember(self.before.memory)
             self.state.return_to(self.before.state)
             self.before = None
-            return
+            return before
         self.gave_up = True
         self.fitter.forget()
         self.state.begin_again(self.initial, self.initial_range_m)
+        return before._replace(appearance=self.fitter.appearance)
 
     def begun_again(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
         """A fit without memory at a pose found after a loss, at which the run begins again; None if it tells little.
 
         What the structure looks like from there may not be known, so that support is compared with nothing.
         """
-        if not self.doubts.settled:
+        if not (self.doubts.settled and self.doubts.without_memory().has_room_for(1)):
             return None
         with clock.stage("relocalize"):
             anew = self.doubts.anew(frame.image, fit, self.state.range_m)
         if not self.state.may_begin_at(anew):
             return None
-        self.before = Before(self.fitter.memory, replace(self.state))
+        known = self.fitter.memory._replace(appearance=frame.before.appearance)
+        self.before, self.led = Before(known, replace(self.state), frame.before), False
+        self.relocator.forget()
         self.fitter.forget()
         self.state.begin_again(Motion(anew.cam_from_world, anew.covariance), anew.range_m)
         self.state.is_lost = False
@@ -197,7 +209,7 @@ class Decider:
         """Likely poses of a frame that the prediction does not explain, by what the run has seen before."""
         if self.state.is_first or fit.support >= self.config.loss.min_support:
             return []
-        return self.places.recalled(frame.image, self.fitter.work)
+        return self.places.recalled(frame.image, self.fitter.work, self.fitter.cost(1))
 
     def is_slow(self, frame: Frame) -> bool:
         """Whether motion was extrapolated for so long that the fit may be to a neighbouring edge."""
@@ -214,10 +226,13 @@ class Decider:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
         scale = self.state.prediction_errors.scale
-        recalled = self.recalled(frame, fit)
+        recalled, work = self.recalled(frame, fit), self.fitter.work
+        reserve = self.fitter.cost(1) if self.led else 0  # for a fit where the run may begin again
+        work.allowed -= reserve
         found = self.relocator.search(
             Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow, recalled)
         )
+        work.allowed += reserve
         given = first and self.is_as_given(fit)
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.
         unvouched = first and not given
@@ -236,5 +251,6 @@ class Decider:
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
         if settled or (tracked and holds) or there:
             return Decision(fit, True, searched=unvouched)
-        leads = found.near_done and found.leads and self.state.is_lost and self.state.may_begin_at(found.fit)
-        return Decision(found.fit, False, rivalled, leads=leads and not first)
+        leads = not first and found.near_done and found.leads and self.state.may_begin_at(found.fit)
+        led, self.led = self.led, leads
+        return Decision(found.fit, False, rivalled, leads=led and leads)

@@ -19,11 +19,22 @@ ROWS_APART = 16
 """Stride of the rows of a frame that are compared with the previous frame."""
 
 
+class Photometry(NamedTuple):
+    """State that depends on illumination and exposure: learned appearance of the edges, contrast stretch of images.
+
+    ok_rows: of the last image that was ok, with which others are compared.
+    """
+
+    appearance: Array
+    stretch: ContrastStretch
+    ok_rows: Image | None
+
+
 class Frame(NamedTuple):
     """An image before and after preprocessing, and the predicted motion.
 
     dt_s: time since the last frame that was ok; step_s: time since the last frame; extrapolated_s: part of dt_s over
-    which the prediction is the motion model's extrapolation.
+    which the prediction is the motion model's extrapolation; before: the photometry that this frame found.
     """
 
     raw: Image
@@ -32,13 +43,7 @@ class Frame(NamedTuple):
     dt_s: float
     step_s: float
     extrapolated_s: float
-
-
-class Photometry(NamedTuple):
-    """State that depends on illumination and exposure: learned appearance of the edges, contrast stretch of images."""
-
-    appearance: Array
-    stretch: ContrastStretch
+    before: Photometry
 
 
 class FittedFrame(NamedTuple):
@@ -88,8 +93,8 @@ class Frames:
         with clock.stage("predict"):
             predicted = state.predicted(dt_s, stamp_ns)
             if expected is not None and expected.spread_m(state.range_m) < predicted.spread_m(state.range_m):
-                return Frame(raw, image, expected, dt_s, self.step_s, 0.0)
-        return Frame(raw, image, predicted, dt_s, self.step_s, dt_s)
+                return Frame(raw, image, expected, dt_s, self.step_s, 0.0, self.photometry)
+        return Frame(raw, image, predicted, dt_s, self.step_s, dt_s, self.photometry)
 
     def compensated(self, frame: Frame, fit: Fit, clock: StageClock) -> FittedFrame:
         """Fit and frame after gain-offset compensation of the learned colours, if that increases the support."""
@@ -117,8 +122,8 @@ class Frames:
     @property
     def photometry(self) -> Photometry:
         """Copy of the learned appearance and the stretch."""
-        return Photometry(self.fitter.appearance, self.stretch)
+        return Photometry(self.fitter.appearance, self.stretch, self.ok_rows)
 
     def restore(self, before: Photometry) -> None:
         """Restore the state from before a wrong pose."""
-        self.fitter.appearance, self.stretch = before
+        self.fitter.appearance, self.stretch, self.ok_rows = before

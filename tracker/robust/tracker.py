@@ -77,14 +77,13 @@ class RobustRun:
         if not self.frames.is_new(image, stamp_ns):
             return TrackResult(status="lost")
         frame = self.frames.prepared(image, stamp_ns, expected, clock)
-        before = self.frames.photometry
         fit = self.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         fit, frame = self.frames.compensated(frame, fit, clock)
         decision = self.decider.decide(frame, fit, clock)
         if not decision.settled:
-            self.frames.restore(before)
-            self.decider.give_up_doubted()
             self.state.suppose(decision.fit, frame.dt_s, stamp_ns)
+            self.frames.restore(frame.before)
+            self.frames.restore(self.decider.give_up_doubted(frame.before))
             return undecided(decision, frame, clock)
         with clock.stage("learn"):
             self.learn(frame, decision.fit, stamp_ns)

@@ -18,7 +18,7 @@ MOST_LANDMARKS = 500
 """Landmarks of a place, for the same reason."""
 LEAST_CORNER_GREY = 5
 """Contrast of the weakest corner, grey levels: a little more than the largest noise that is not smoothed."""
-CLEARLY_NEARER = 0.85
+MOST_RATIO = 0.85
 """Distance of a match over that of the second nearest feature. Lowe (2004) takes 0.8 for features of another kind."""
 NO_DESCRIPTORS = np.zeros((0, 32), dtype=np.uint8)
 
@@ -36,36 +36,42 @@ class Landmarks(NamedTuple):
     points: Array
     descriptors: NDArray[np.uint8]
 
+    def some(self, most: int) -> "Landmarks":
+        """No more than so many of the landmarks, from all of the image."""
+        rows = slice(None, None, max(1, -(-len(self.points) // most)))
+        return Landmarks(self.points[rows], self.descriptors[rows])
+
 
 class Matches(NamedTuple):
-    """Points (n, 3) of the structure, where they are seen (n, 2), in units of the focal length, and their doubt (n,).
+    """Points (n, 3) of the structure, where they are seen (n, 2), in units of the focal length, and their ratio (n,).
 
-    doubt: distance of the descriptors over that of the second nearest.
+    ratio: distance of the descriptors over that of the second nearest (Lowe 2004), each one bit more.
     """
 
     points: Array
     seen: Array
-    doubt: Array
+    ratio: Array
 
 
 NO_MATCHES = Matches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
 
 
-def features_of(image: Image) -> Features:
-    """The features of a grey image (h, w)."""
+def features_of(image: Image, camera: Camera) -> Features:
+    """The features of a grey image (h, w) of a camera, which may have been reduced; their pixels are the camera's."""
     detector = cv2.ORB.create(nfeatures=MOST, fastThreshold=LEAST_CORNER_GREY)
     corners, descriptors = detector.detectAndCompute(image, None)
-    pixels = np.array([corner.pt for corner in corners]).reshape(-1, 2)
+    scale = np.array([camera.width, camera.height]) / image.shape[::-1]
+    pixels = (np.array([corner.pt for corner in corners]).reshape(-1, 2) + 0.5) * scale - 0.5
     return Features(pixels, np.asarray(descriptors if len(pixels) else NO_DESCRIPTORS, dtype=np.uint8))
 
 
 def landmarks_of(image: Image, pose: Pose, camera: Camera, edges: EdgeMap) -> Landmarks:
     """The features of a grey image (h, w) that lie on the structure at a pose."""
-    seen, eye = features_of(image), pose.inverse().translation
+    seen, eye = features_of(image, camera), pose.inverse().translation
     rays = np.ascontiguousarray(camera.rays(seen.pixels) @ pose.rotation)
     faces = first_hits(eye, rays, edges.triangles)
     hit = np.flatnonzero(faces >= 0)
-    hit = hit[:: 1 + len(hit) // MOST_LANDMARKS]
+    hit = hit[:: max(1, -(-len(hit) // MOST_LANDMARKS))]
     planes, rays = edges.planes[faces[hit]], rays[hit]
     depth = (planes[:, 3] - planes[:, :3] @ eye) / np.einsum("ij,ij->i", rays, planes[:, :3])
     return Landmarks(eye + rays * depth[:, None], seen.descriptors[hit])
@@ -76,15 +82,15 @@ def matched(landmarks: Landmarks, features: Features, camera: Camera) -> Matches
     if not len(landmarks.points) or len(features.pixels) < 2:
         return NO_MATCHES
     pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(landmarks.descriptors, features.descriptors, k=2)
-    doubt = np.array([best.distance / max(1.0, second.distance) for best, second in pairs])
+    ratio = np.array([(best.distance + 1.0) / (second.distance + 1.0) for best, second in pairs])
     which = np.array([best.trainIdx for best, _ in pairs])
-    clear = doubt < CLEARLY_NEARER
+    clear = ratio < MOST_RATIO
     rays = camera.rays(features.pixels[which[clear]])
-    return Matches(landmarks.points[clear], rays[:, :2] / rays[:, 2:], doubt[clear])
+    return Matches(landmarks.points[clear], rays[:, :2] / rays[:, 2:], ratio[clear])
 
 
-def least_doubtful_first(matches: list[Matches]) -> Matches:
-    """All matches of several landmarks, the least doubtful first."""
-    points, seen, doubt = (np.concatenate(column) for column in zip(*matches, strict=True))
-    order = np.argsort(doubt, kind="stable")
-    return Matches(points[order], seen[order], doubt[order])
+def clearest_first(matches: list[Matches]) -> Matches:
+    """All matches of several landmarks, the clearest first."""
+    points, seen, ratio = (np.concatenate(column) for column in zip(*matches, strict=True))
+    order = np.argsort(ratio, kind="stable")
+    return Matches(points[order], seen[order], ratio[order])

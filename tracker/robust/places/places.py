@@ -1,5 +1,6 @@
 """Places where a run had a pose: an image is recognized as one of them, and its pose found by landmarks seen there."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,25 +12,23 @@ from uavbench.tracker.robust.places.features import (
     MOST_LANDMARKS,
     Landmarks,
     Matches,
+    clearest_first,
     features_of,
     landmarks_of,
-    least_doubtful_first,
     matched,
 )
-from uavbench.tracker.robust.places.match_kernels import DRAWN, HYPOTHESES, pose_of_matches
+from uavbench.tracker.robust.places.match_kernels import HYPOTHESES, LEAST_AGREEING, SAMPLE, pose_of_matches
 from uavbench.tracker.robust.places.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, motion
-from uavbench.tracker.robust.work import FEATURES, Work, recall_evaluations
+from uavbench.tracker.robust.work import FEATURES, PER_LANDMARK, RECALLED, Work, recall_evaluations
 from uavbench.trajectories.pose import Array, Pose
 
 MOST_PLACES = 64
-"""Places kept: 20 MB of images of 640x480."""
+"""Places kept: 20 MB of images."""
 MOST_TRIED = 3
 """Places whose landmarks are matched: the last one, and those that look most like an image."""
-OUTLIER_PX = 4.0
-"""Distance beyond which a match is an outlier: in the coarsest of ORB's images, 3.6 times smaller, a pixel."""
-LEAST_MATCHES = 4
-"""Matches of which a pose is computed: one more than determine it."""
+INLIER_PX = 4.0
+"""Distance within which a match agrees with a pose: a pixel in the coarsest of ORB's images, 3.6 times smaller."""
 
 
 @dataclass
@@ -48,72 +47,78 @@ class Places:
 
     def __init__(self, edges: EdgeMap, camera: Camera, step: float, rng: np.random.Generator) -> None:
         self.edges, self.camera, self.step = edges, camera, step
-        self.draws = rng.random((HYPOTHESES, DRAWN))
+        self.samples = rng.random((HYPOTHESES, SAMPLE))
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all places."""
         self.places: list[Place] = []
         self.poses = NONE
+        self.last: Place | None = None
         self.apart, self.waited = self.step, False
 
     def add(self, image: Image, pose: Pose, range_m: float) -> None:
         """Add a place with its image (h, w) or (h, w, c), unless there is one near it; fewer are kept of too many."""
-        if not self.is_new(pose, range_m):
+        here = motion(pose)
+        near = np.flatnonzero(~self.poses.apart(here, range_m, self.apart))
+        if len(near):
+            self.last = self.places[near[-1]]
             return
         image = grey(image)
-        self.keep(Place(pose, range_m, image.copy(), small_image(image)))
+        self.keep(Place(pose, range_m, image, small_image(image)))
         while len(self.places) > MOST_PLACES:
             before, self.places, self.poses = self.places, [], NONE
             self.apart *= 2.0
             for place in before:
-                if self.is_new(place.pose, place.range_m):
+                if self.poses.apart(motion(place.pose), place.range_m, self.apart).all():
                     self.keep(place)
-
-    def is_new(self, pose: Pose, range_m: float) -> bool:
-        """Whether a pose is apart from all places."""
-        return bool(self.poses.apart(motion(pose), range_m, self.apart).all())
 
     def keep(self, place: Place) -> None:
         """Keep one more place."""
+        self.last = place
         self.places.append(place)
         self.poses = self.poses.added(motion(place.pose))
 
-    def recalled(self, image: Image, work: Work) -> list[Pose]:
+    def recalled(self, image: Image, work: Work, reserve: int) -> list[Pose]:
         """Likely poses of an image (h, w) or (h, w, c): by landmarks, and of the place that looks most like it.
 
-        It spends at most half of what is left of a frame's work, or all of it in every second frame.
+        It spends at most half of what is left of a frame's work, or all but the reserve in every second frame.
         """
         self.waited = not self.waited
         allowed = work.left // 2
         if allowed < 2 * FEATURES + recall_evaluations(MOST_LANDMARKS):
-            allowed = work.left if self.waited else 0
-        if not self.places or not allowed:
+            allowed = work.left - reserve if self.waited else 0
+        if self.last is None or allowed < FEATURES:
             return []
-        image = grey(image)
-        likeness = np.array([place.small for place in self.places]) @ small_image(image)
-        likely = [self.places[k] for k in np.argsort(-likeness, kind="stable")]
-        last = self.places[-1]
+        image, last = grey(image), self.last
+        correlation = np.array([place.small for place in self.places]) @ small_image(image)
+        likely = [self.places[k] for k in np.argsort(-correlation, kind="stable")]
         tried = [last, *(place for place in likely if place is not last)][:MOST_TRIED]
         return [*self.by_landmarks(image, tried, work, work.done + allowed), likely[0].pose]
 
     def by_landmarks(self, image: Image, places: list[Place], work: Work, until: int) -> list[Pose]:
-        """The pose of a grey image (h, w) by the landmarks of some places, for as much work as is allowed."""
+        """The pose of a grey image (h, w) by as many landmarks of some places as the work allows."""
         matches: list[Matches] = []
         starts, features = [], None
         for place in places:
             if place.landmarks is None and work.done + FEATURES <= until:
                 work.done += FEATURES
                 place.landmarks = landmarks_of(place.image, place.pose, self.camera, self.edges)
-            if place.landmarks is None:
+            known = work.done + (FEATURES if features is None else 0)
+            most = (until - known - RECALLED) // PER_LANDMARK
+            if place.landmarks is None or most < LEAST_AGREEING:
                 break
-            needed = recall_evaluations(len(place.landmarks.points)) + (FEATURES if features is None else 0)
-            if work.done + needed > until:
-                break
-            work.done += needed
-            features = features_of(image) if features is None else features
-            matches.append(matched(place.landmarks, features, self.camera))
+            if features is None:
+                work.done += FEATURES
+                features = features_of(image, self.camera)
+            some = place.landmarks.some(most)
+            work.done += recall_evaluations(len(some.points))
+            matches.append(matched(some, features, self.camera))
             starts.append(motion(place.pose))
-        if sum(len(each.doubt) for each in matches) < LEAST_MATCHES:
+        if sum(len(each.ratio) for each in matches) < LEAST_AGREEING:
             return []
-        points, seen, _ = least_doubtful_first(matches)
-        outlier = OUTLIER_PX / self.camera.fx
-        found = [pose_of_matches(points, seen, R, t, self.draws, outlier) for R, t in starts]
+        points, seen, _ = clearest_first(matches)
+        threshold = INLIER_PX / math.sqrt(self.camera.fx * self.camera.fy)
+        found = [pose_of_matches(points, seen, R, t, self.samples, threshold) for R, t in starts]
         best = min(found, key=lambda each: each.cost)
         return [Pose(best.R, best.t)] if np.isfinite(best.cost) else []

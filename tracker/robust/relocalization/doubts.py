@@ -1,4 +1,4 @@
-"""Doubts about a first pose that a search found: poses around it are fitted as if nothing were known of the edges.
+"""Doubts about a pose that a search found, at first or anew: poses around it are fitted, nothing known of the edges.
 
 A track confirms itself, since the appearance of the edges is learned where they are thought to be. Poses are therefore
 compared, and judged, by a fitter that has learned nothing.

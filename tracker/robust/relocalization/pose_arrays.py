@@ -39,7 +39,7 @@ class PoseStack(NamedTuple):
         """
         between = np.einsum("kji,kj->ki", self.R, self.t) - pose.R.T @ pose.t
         cosine = (np.einsum("kij,ij->k", self.R, pose.R) - 1.0) / 2.0
-        return np.asarray((np.linalg.norm(between, axis=1) > part * range_m) | (cosine < np.cos(part)))
+        return np.asarray((np.linalg.norm(between, axis=1) > part * range_m) | (cosine < np.cos(min(part, np.pi))))
 
 
 NONE = PoseStack(np.zeros((0, 3, 3)), np.zeros((0, 3)))

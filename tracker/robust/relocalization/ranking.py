@@ -42,7 +42,7 @@ class Sought(NamedTuple):
 
 
 class Ranking:
-    """The fits of one frame, ranked by support, weight of inliers, and distance from the most likely guess."""
+    """The fits of one frame, ranked by support, weight of inliers, and distance from a likely guess."""
 
     def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
         self.config = config

@@ -122,7 +122,8 @@ class Relocator:
         self.move_along(guesses[0])
         recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
-        if not self.fit_in_turn(self.at_guesses([*recalled, *guesses], ranking), sought, ranking):
+        left = self.fit_in_turn(self.at_guesses([*recalled, *guesses], ranking), sought, ranking)
+        if not left and work.left >= DISTANCES:
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
             work.done += DISTANCES
             candidates = self.score(target, guesses, ranking, self.is_uncertain(sought))
