@@ -1,6 +1,6 @@
 """Guarded reading of untrusted images and videos: type and size are checked before they are decoded.
 
-And the end of a video of ours: whether all of it was written.
+And the end of a video of ours, whether all of it was written; and the writing of a file of a frame.
 """
 
 import errno
@@ -133,3 +133,12 @@ def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
     if (width, height) != (camera.width, camera.height):
         raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")
     return image
+
+
+def put_file(path: Path, data: bytes) -> None:
+    """Write a file of a frame into a folder that is made for the first one."""
+    try:
+        path.write_bytes(data)
+    except FileNotFoundError:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(data)

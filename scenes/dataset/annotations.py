@@ -21,7 +21,7 @@ from uavbench.scenes.dataset.edges.sample_kernels import (
 from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Sequence
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
-from uavbench.scenes.image_files import load_image
+from uavbench.scenes.image_files import load_image, put_file
 from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sample
 from uavbench.scenes.rendering.pixel_kernels import depth_units
@@ -160,12 +160,3 @@ def as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
         return image
     column, row = (np.rint(source.lens[..., k]).astype(int) for k in (0, 1))
     return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)])
-
-
-def put_file(path: Path, data: bytes) -> None:
-    """Write a file of a frame into a folder that is made for the first one."""
-    try:
-        path.write_bytes(data)
-    except FileNotFoundError:
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(data)

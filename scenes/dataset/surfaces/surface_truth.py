@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import camera_array
-from uavbench.scenes.dataset.annotations import put_file
 from uavbench.scenes.dataset.surfaces.flow_kernels import (
     Lens,
     Motions,
@@ -27,6 +26,7 @@ from uavbench.scenes.dataset.surfaces.flow_kernels import (
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
+from uavbench.scenes.image_files import put_file
 from uavbench.scenes.png.encoder import png, png_of_filtered, png_of_rows
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
