@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.rendering.pixel_kernels import displacement
-from uavbench.scenes.rendering.radiance import RENDERED, Radiance
+from uavbench.scenes.rendering.pixel_kernels import displacement, square_codes
+from uavbench.scenes.rendering.radiance import Radiance
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose, rotation_log
 
@@ -193,7 +193,9 @@ def add_motion_blur(color: NDArray[np.uint8], flow: Map, lens: Map | None, weigh
 
 def light_of(color: NDArray[np.uint8]) -> Radiance:
     """Linear radiance of a square-root coded image; only linear values can be averaged without bias."""
-    return np.asarray(cv2.LUT(color, RENDERED), dtype=np.float32)
+    light = np.empty(color.shape, dtype=np.float32)
+    square_codes(np.ascontiguousarray(color).reshape(-1), light.reshape(-1))
+    return light
 
 
 def add(light: Radiance, weight: float, out: Radiance) -> None:

@@ -38,6 +38,14 @@ def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any
             into[i] = part[i] + deviation * into[i]
 
 
+@compiled("u1 s1!", allocates=False)
+def square_codes(codes: Any, out: Any) -> None:
+    """Linear radiance (n,) of the renderer's 8-bit codes (n,), its square roots."""
+    for i in range(codes.size):
+        root = np.float32(codes[i]) / np.float32(255)
+        out[i] = root * root
+
+
 CODED_AT_ONCE = 1024
 """Values whose places in the table are computed before any is looked up, in vectors; they stay in the fastest cache."""
 

@@ -10,7 +10,7 @@ Radiance = NDArray[np.float32]
 """Linear image (h, w, 3) BGR; 1 is the saturation of the sensor."""
 
 RENDERED = np.square(np.arange(256, dtype=np.float32) / 255)
-"""Radiance of the renderer's 8-bit codes, which are square-root coded."""
+"""Radiance of the renderer's 8-bit codes, which are square-root coded; `square_codes` computes that of an image."""
 
 
 def _srgb(light: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from uavbench.scenes.renderables import Light, Mover, Part, Texture
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
-from uavbench.scenes.rendering.antialiasing.outlines import Moment, Outlines
+from uavbench.scenes.rendering.antialiasing.outlines import Moment, Outlines, Pixels
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import DrawnPart, Facets
 from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
@@ -82,7 +82,7 @@ class Renderer:
         self._target = Target(GL, width, height, numbered=True)
         self._color = np.empty((height, width, 4), dtype=np.uint8)
         self._numbers = np.empty((height, width, 2), dtype=np.float32)
-        self._rows = np.empty((height, width), dtype=np.int32)
+        self._pixels = self._outlines.pixels(np.zeros_like(self._numbers))
         self._seen: Moment | None = None
         self._no_vertices = GL.glGenVertexArrays(1)
         self._depth = self._programs(shaders.DEPTH)
@@ -118,8 +118,8 @@ class Renderer:
         self._draw(view_projection, eye, time_s)
         self._read(0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, self._color)
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
-        self._seen, self._rows = Moment(cam_from_world, camera, time_s), self._outlines.rows(self._numbers)
-        return self._outlines.image(self._color, self._rows, self._seen)
+        self._seen, self._pixels = Moment(cam_from_world, camera, time_s), self._outlines.pixels(self._numbers)
+        return self._outlines.image(self._color, self._pixels.facets, self._seen)
 
     def _draw(self, view_projection: Array, eye: Array, time_s: float, into: Mirror | None = None) -> None:
         """Draw all meshes, then the sky, into a mirror or the image; water is not mirrored."""
@@ -155,23 +155,21 @@ class Renderer:
 
     def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
         """Depth in metres and instances (h, w) at the pixel centres of a pinhole camera of this renderer's size."""
-        self._look_at(cam_from_world, camera, time_s)
-        return self._outlines.geometry(self._numbers)
+        return self._look_at(cam_from_world, camera, time_s).geometry
 
     def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int32]:
         """Rows (h, w) of `facets` visible at the pixel centres; NONE for background or sky."""
-        self._look_at(cam_from_world, camera, time_s)
-        return self._rows
+        return self._look_at(cam_from_world, camera, time_s).facets
 
     def facet_table(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> FacetTable:
         """The `facets` as they are in view; valid until the next image or table of another view."""
         return self._outlines.table(Moment(cam_from_world, camera, time_s))
 
-    def _look_at(self, cam_from_world: Pose, camera: Camera, time_s: float) -> None:
+    def _look_at(self, cam_from_world: Pose, camera: Camera, time_s: float) -> Pixels:
         """Render depths and facets, unless those of this view are there."""
         GL, moment = self._gl, Moment(cam_from_world, camera, time_s)
         if moment.same(self._seen):
-            return
+            return self._pixels
         self._begin(self._target)
         for program in self._geometry:
             program.use()
@@ -184,7 +182,8 @@ class Renderer:
             program.number("first_facet", first + 1.0)
             mesh.draw()
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
-        self._seen, self._rows = moment, self._outlines.rows(self._numbers)
+        self._seen, self._pixels = moment, self._outlines.pixels(self._numbers)
+        return self._pixels
 
     def nearest_m(self, eye: Array) -> float:
         """Lower bound of the distance in metres from a point (3,) in the world to all static parts."""

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth
 from uavbench.scenes.primitives.meshes import box, panel
 from uavbench.scenes.renderables import Light, Part
 from uavbench.trajectories.pose import Pose
@@ -32,6 +34,12 @@ def grey_wall(distance_m: float, size_m: float, level: float) -> Part:
     vertices, triangles, uv = panel((distance_m, size_m / 2, -size_m / 2), (0, -size_m, 0), (0, 0, size_m), size_m)
     tint = np.column_stack([np.full((4, 3), level), np.ones(4)])
     return Part(vertices=vertices, triangles=triangles, uv=uv, tint=tint)
+
+
+def flow_codes(found: FlowTruth) -> NDArray[np.uint16]:
+    """Numbers (h, w, 3) of a flow file: u, v, known."""
+    rows = np.cumsum(found.filtered[:, 1:], axis=0, dtype=np.uint8)
+    return rows.view(">u2").reshape(*found.occlusion.shape, 3).astype(np.uint16)
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantizati
 from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.generate import with_effects
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
-from uavbench.scenes.rendering.radiance import CODES, LIGHT, Radiance, decode, encode
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, light_of, render_camera
+from uavbench.scenes.rendering.radiance import CODES, LIGHT, RENDERED, Radiance, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose, rotation_exp
@@ -164,6 +164,12 @@ def test_a_rendered_edge_bends_as_the_lens_does() -> None:
     pixels = camera.project(source.cam_from_world(0).transform(edge))
     expected = np.interp(np.arange(240), pixels[::-1, 1], pixels[::-1, 0])
     assert np.abs((edge_columns(image) - expected).reshape(-1, 24).mean(axis=1)).max() < 0.13
+
+
+def test_light_of_every_code_is_its_square() -> None:
+    codes = np.arange(256, dtype=np.uint8).reshape(-1, 2, 1).repeat(3, axis=2)
+    for image in (codes, codes[::-1]):
+        assert np.array_equal(light_of(image), RENDERED[image])
 
 
 def test_the_photon_transfer_curve_gives_back_full_well_and_read_noise() -> None:

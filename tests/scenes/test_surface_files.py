@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.scenes.conftest import FLAT_LIGHT, white_box
+from tests.scenes.conftest import FLAT_LIGHT, flow_codes, white_box
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import OUTSIDE, SEEN, UNKNOWN, read_flow
 from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTruth, write_flow, write_normals
+from uavbench.scenes.png.filters import UP, filter_rows
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.pose import Array, Pose
@@ -52,17 +53,14 @@ def test_rows_of_flow_are_written_as_kitti_reads_them(tmp_path: Path) -> None:
     numbers = rng.integers(0, 65536, (20, 30, 3)).astype(np.uint16)
     numbers[..., 2] = rng.integers(0, 2, (20, 30))
     occlusion = rng.integers(0, 4, (20, 30)).astype(np.uint8)
-    write_flow(tmp_path, 2, numbers.astype(">u2").view(np.uint8).reshape(20, -1), occlusion)
+    filtered = np.empty((20, 181), dtype=np.uint8)
+    filter_rows(numbers.astype(">u2").view(np.uint8).reshape(20, -1), 6, UP, filtered)
+    write_flow(tmp_path, 2, filtered, occlusion)
     bgr = cv2.imread(str(tmp_path / "flow" / "000002.png"), cv2.IMREAD_UNCHANGED)
     assert bgr.dtype == np.uint16
     np.testing.assert_array_equal(bgr[..., ::-1], numbers)
     read = cv2.imread(str(tmp_path / "occlusion" / "000002.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(read, occlusion)
-
-
-def codes_of(found: FlowTruth) -> NDArray[np.uint16]:
-    """Numbers (h, w, 3) of rows of a flow file: u, v, known."""
-    return found.rows.view(">u2").reshape(*found.occlusion.shape, 3).astype(np.uint16)
 
 
 def moved_by(shift_px: tuple[float, float]) -> FlowTruth:
@@ -80,7 +78,7 @@ def moved_by(shift_px: tuple[float, float]) -> FlowTruth:
 @pytest.mark.parametrize("shift_px", [(0.0, 0.0), (1 / 64, -1 / 64), (0.011, -0.005), (0.02, -3.4), (510.99, -510.99)])
 def test_flow_is_rounded_to_units_of_kitti(shift_px: tuple[float, float], tmp_path: Path) -> None:
     found = moved_by(shift_px)
-    codes = codes_of(found)
+    codes = flow_codes(found)
     assert (codes == [*(np.rint(64 * np.array(shift_px)) + 32768), 1]).all()
     write_flow(tmp_path, 0, *found)
     read = read_flow(tmp_path / "flow" / "000000.png", tmp_path)
@@ -96,7 +94,7 @@ def test_a_point_on_the_images_border_is_in_it(axis: int, sign: int) -> None:
         shift = [0.0, 0.0]
         shift[axis] = sign * (0.5 + further)
         found = moved_by((shift[0], shift[1]))
-        assert (codes_of(found) == [*(np.rint(64 * np.array(shift)) + 32768), 1]).all()
+        assert (flow_codes(found) == [*(np.rint(64 * np.array(shift)) + 32768), 1]).all()
         assert (found.occlusion[edge] == expected).all()
         assert (found.occlusion == expected).sum() >= found.occlusion[edge].size
         inner = found.occlusion[2:-2, 2:-2]
@@ -110,7 +108,7 @@ def test_flow_of_511_px_is_not_known_and_its_numbers_are_zero(axis: int, sign: i
         shift = [0.0, 0.0]
         shift[axis] = sign * length
         found = moved_by((shift[0], shift[1]))
-        codes = codes_of(found)
+        codes = flow_codes(found)
         assert (codes[..., 2] == known).all()
         assert codes.any() == known
         assert (found.occlusion == (OUTSIDE if known else UNKNOWN)).all()

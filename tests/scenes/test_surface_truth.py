@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
+from tests.scenes.conftest import FLAT_LIGHT, flow_codes, looking, white_box
 from uavbench.scenes.camera import Camera, camera_array
 from uavbench.scenes.dataset.annotations import read_depth
 from uavbench.scenes.dataset.sequence import Sequence
@@ -178,7 +178,7 @@ UNIT_PX = 1 / 64
 
 def flow_of(truth: FlowTruth) -> np.ndarray:
     """Flow (h, w, 2) in px of the rows of a file, NaN where it is not known."""
-    u, v, known = np.moveaxis(truth.rows.view(">u2").reshape(*truth.occlusion.shape, 3), 2, 0).astype(np.float64)
+    u, v, known = np.moveaxis(flow_codes(truth), 2, 0).astype(np.float64)
     return np.where(known[..., None] == 1, (np.stack([u, v], axis=-1) - 2**15) * UNIT_PX, np.nan)
 
 
@@ -299,7 +299,7 @@ def test_the_kernels_are_the_formulas_on_random_facets(model: str, distortion: t
     np.testing.assert_allclose(doubtful[:count], per_depth, atol=1e-12)
 
     never = np.random.default_rng(seed).random(SIZE) < 0.05
-    out = FlowTruth(np.empty((height, 6 * width), np.uint8), np.where(never, UNKNOWN, SEEN).astype(np.uint8))
+    out = FlowTruth(np.empty((height, 1 + 6 * width), np.uint8), np.where(never, UNKNOWN, SEEN).astype(np.uint8))
     lens = Lens(camera_array(camera), np.array([PINHOLE.fx, PINHOLE.fy, PINHOLE.cx, PINHOLE.cy]))
     table = facet_table(scene["corners"], Pose.identity())
     flow_rows(shown, motions, lens, scene["seen"].astype(np.int32), table, scratch, tuple(out))
@@ -421,7 +421,7 @@ def test_points_where_the_distortion_folds_over_have_no_flow(monkeypatch: pytest
         expected = truth.flow(*views)
         monkeypatch.setattr(truth, "_widest", np.inf)  # none is
         unaware = truth.flow(*views)
-    assert np.array_equal(found.rows, expected.rows)
+    assert np.array_equal(found.filtered, expected.filtered)
     assert np.array_equal(found.occlusion, expected.occlusion)
     folded = (expected.occlusion == UNKNOWN) & (unaware.occlusion != UNKNOWN)
     assert folded.sum() > 100

@@ -14,6 +14,7 @@ from uavbench.scenes.dataset.surfaces.surface_files import (
     SEEN,
     UNKNOWN,
 )
+from uavbench.scenes.png.filters import UP
 from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
@@ -24,6 +25,8 @@ BEFORE = 1e-3
 """Relative depth difference above which a nearer surface occludes a point."""
 LEAST_SLOPE = 1e-6
 """Cosine of the angle to the optical axis from which on a point is before the camera."""
+HIGHEST = np.uint16(0x8080)
+"""Highest bits of the two bytes of a number."""
 
 
 class Shown(NamedTuple):
@@ -59,8 +62,9 @@ class RowScratch(NamedTuple):
     camera's frame, whose first two coordinates `project` divides by the third.
 
     later and rendered (2, w): places of the points in the camera's later image and in the rendered one, px; nearest
-    (2, w): the rendered pixels next to them; known (w,): 1 where there is a flow, and its codes (2, w); listed
-    (w,): some columns.
+    (2, w): the rendered pixels next to them; known (w,): 1 where there is a flow; codes (2, 3, w): the numbers of
+    the files, the first byte the higher, of a row and of the one above it, in turns; words (3 w,): their residuals;
+    listed (w,): some columns.
     """
 
     columns: Array
@@ -70,6 +74,7 @@ class RowScratch(NamedTuple):
     rendered: Array
     known: NDArray[np.uint8]
     codes: NDArray[np.uint16]
+    words: NDArray[np.uint16]
     nearest: NDArray[np.int32]
     listed: NDArray[np.int32]
 
@@ -77,7 +82,7 @@ class RowScratch(NamedTuple):
     def of(cls, width: int) -> "RowScratch":
         """Scratch for rows of a width in px."""
         columns, (two, three) = np.arange(width, dtype=np.float64), (np.empty((n, width)) for n in (2, 3))
-        known, codes = np.empty(width, dtype=np.uint8), np.empty((2, width), dtype=np.uint16)
+        known, codes = np.empty(width, dtype=np.uint8), np.empty((2, 3, width), dtype=np.uint16)
         return cls(
             columns,
             two,
@@ -86,15 +91,16 @@ class RowScratch(NamedTuple):
             np.empty_like(two),
             known,
             codes,
-            np.empty_like(codes, dtype=np.int32),
-            np.empty_like(known, dtype=np.int32),
+            np.empty(3 * width, dtype=np.uint16),
+            np.empty((2, width), dtype=np.int32),
+            np.empty(width, dtype=np.int32),
         )
 
 
 SHOWN = named_tuple(Shown, "j2! f2! f3!")
 MOTIONS = named_tuple(Motions, "i1! f3! i1!")
 LENS = named_tuple(Lens, "f1! f1!")
-ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h2! j2! j1!")
+ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h3! h1! j2! j1!")
 
 
 @compiled("shown motions f0 scratch f2! i2!", allocates=False, shown=SHOWN, motions=MOTIONS, scratch=ROW_SCRATCH)
@@ -128,11 +134,12 @@ def list_doubtful(shown: Any, motions: Any, widest: float, scratch: Any, points:
 def flow_rows(shown: Any, motions: Any, lens: Any, seen: Any, facets: Any, scratch: Any, out: Any) -> None:
     """Flow to a later image, and occlusion there, of all pixels (h, w).
 
-    seen (h', w') and facets: what was rendered later. out: rows (h, 6 w) of a flow file, u v known in 16 bits, the
-    first byte the higher; and the occlusion (h, w), UNKNOWN where it must stay so. A point is HIDDEN where all four
-    rendered pixels around it show other facets, BEFORE it.
+    seen (h', w') and facets: what was rendered later. out: filtered rows (h, 1 + 6 w) of a PNG file, residuals against
+    the row above of u v known in 16 bits, the first byte the higher; and the occlusion (h, w), UNKNOWN where it must
+    stay so. A point is HIDDEN where all four rendered pixels around it show other facets, BEFORE it.
     """
     codes, occlusion = out
+    scratch.codes[1] = 0
     for i in range(occlusion.shape[0]):
         carry(shown, motions, i, scratch)
         project(lens, i, scratch)
@@ -220,25 +227,39 @@ def _scale(values: Any, factor: float, offset: float, out: Any) -> None:
 
 @compiled
 def _code(scratch: Any, i: int, occlusion: Any, out: Any) -> None:
-    """Write a row (6 w,) of a flow file; where the occlusion is UNKNOWN, no flow is known."""
-    known, codes = scratch.known, scratch.codes
+    """Write a filtered row (1 + 6 w,) of a flow file; where the occlusion is UNKNOWN, no flow is known."""
+    known, codes, above, words = scratch.known, scratch.codes[i % 2], scratch.codes[1 - i % 2], scratch.words
     for j in range(known.size):
         known[j] &= np.uint8(occlusion[j] != UNKNOWN)
     _code_axis(scratch.later[0], scratch.columns, known, codes[0])
     _scale(scratch.columns, 0.0, float(i), scratch.places[1])
     _code_axis(scratch.later[1], scratch.places[1], known, codes[1])
     for j in range(known.size):
-        out[6 * j], out[6 * j + 1] = np.uint8(codes[0, j] >> 8), np.uint8(codes[0, j])
-        out[6 * j + 2], out[6 * j + 3] = np.uint8(codes[1, j] >> 8), np.uint8(codes[1, j])
-        out[6 * j + 4], out[6 * j + 5] = 0, known[j]
+        codes[2, j] = np.uint16(known[j]) << np.uint16(8)
+    for k in range(3):
+        _leave_residuals(codes[k], above[k])
+    for j in range(known.size):
+        words[3 * j], words[3 * j + 1], words[3 * j + 2] = above[0, j], above[1, j], above[2, j]
+    out[0], residuals = UP, words.view(np.uint8)
+    for k in range(residuals.size):
+        out[1 + k] = residuals[k]
+
+
+@compiled
+def _leave_residuals(codes: Any, above: Any) -> None:
+    """Replace the numbers above (w,) by the differences of their two bytes to those of others (Warren 2012)."""
+    for j in range(above.size):
+        here, there = codes[j], above[j]
+        above[j] = ((here | HIGHEST) - (there & ~HIGHEST)) ^ ((here ^ ~there) & HIGHEST)
 
 
 @compiled
 def _code_axis(later: Any, here: Any, known: Any, out: Any) -> None:
-    """Numbers (w,) of a component of the flow in the files."""
+    """Numbers (w,) of a component of the flow in the files, their first byte the higher."""
     for j in range(out.size):
         units = np.int32(np.rint((later[j] - here[j]) * FLOW_UNITS_PER_PX)) + np.int32(FLOW_ZERO)
-        out[j] = np.uint16(units) if known[j] else np.uint16(0)
+        swapped = ((units >> 8) & 255) | ((units & 255) << 8)
+        out[j] = np.uint16(swapped if known[j] else 0)
 
 
 @compiled

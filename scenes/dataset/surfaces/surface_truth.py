@@ -27,7 +27,7 @@ from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.image_files import put_file
-from uavbench.scenes.png.encoder import png, png_of_filtered, png_of_rows
+from uavbench.scenes.png.encoder import png, png_of_filtered
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
 from uavbench.scenes.rendering.facets import NONE
@@ -56,9 +56,9 @@ class SurfaceView:
 
 
 class FlowTruth(NamedTuple):
-    """Rows (h, 6 w) of a flow file: u, v and 1 where they are known, 16 bits each; and occlusion (h, w)."""
+    """Filtered rows (h, 1 + 6 w) of a flow file, see `flow_rows`; and occlusion (h, w)."""
 
-    rows: NDArray[np.uint8]
+    filtered: NDArray[np.uint8]
     occlusion: NDArray[np.uint8]
 
 
@@ -116,7 +116,7 @@ class SurfaceTruth:
         """Flow from one view to a later one, and occlusion there."""
         motions = self._motions(view, later)
         height, width = self._size
-        out = FlowTruth(np.empty((height, 6 * width), dtype=np.uint8), np.full(self._size, SEEN, dtype=np.uint8))
+        out = FlowTruth(np.empty((height, 1 + 6 * width), dtype=np.uint8), np.full(self._size, SEEN, dtype=np.uint8))
         if self._widest < np.inf:
             points, pixels = np.empty((height * width, 3)), np.empty((height * width, 2), dtype=np.int64)
             if count := list_doubtful(view.shown, motions, self._widest, self._scratch, points, pixels):
@@ -208,7 +208,7 @@ def write_normals(folder: Path, frame: int, filtered: NDArray[np.uint8]) -> None
     put_file(folder / "normals" / f"{frame:06d}.png", png_of_filtered(filtered, filtered.shape[1] // 6, smooth=True))
 
 
-def write_flow(folder: Path, frame: int, rows: NDArray[np.uint8], occlusion: NDArray[np.uint8]) -> None:
-    """Write `flow/NNNNNN.png` from its rows (h, 6 w), and `occlusion/NNNNNN.png` (h, w)."""
-    put_file(folder / "flow" / f"{frame:06d}.png", png_of_rows(rows, rows.shape[1] // 6, smooth=True))
+def write_flow(folder: Path, frame: int, filtered: NDArray[np.uint8], occlusion: NDArray[np.uint8]) -> None:
+    """Write `flow/NNNNNN.png` from its filtered rows (h, 1 + 6 w), and `occlusion/NNNNNN.png` (h, w)."""
+    put_file(folder / "flow" / f"{frame:06d}.png", png_of_filtered(filtered, occlusion.shape[1], smooth=True))
     put_file(folder / "occlusion" / f"{frame:06d}.png", png(occlusion, smooth=True))

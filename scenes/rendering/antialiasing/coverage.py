@@ -185,27 +185,19 @@ def _add(color: Any, y: int, u: int, share: float, light: tuple[float, float, fl
     return light[0] + share * b * b, light[1] + share * g * g, light[2] + share * r * r
 
 
-@compiled("s3 u1 s2! u2!", allocates=False)
-def depth_and_instances(numbers: Any, instance: Any, depth: Any, instances: Any) -> None:
-    """Depth and instances (h, w) from the top row on, of numbers (h, w, 2): depth and facet + 1, from the bottom
-    row on.
+@compiled("s3 u1 j2! s2! u2!", allocates=False)
+def part_numbers(numbers: Any, instance: Any, facets: Any, depth: Any, instances: Any) -> None:
+    """Facets, -1 for none, depth and instances (h, w) from the top row on, of numbers (h, w, 2): depth and facet + 1,
+    from the bottom row on.
 
     instance (n + 1,) is that of each facet, after that of the background.
     """
     h, w = depth.shape
     for v in range(h):
-        row, far, of = numbers[h - 1 - v], depth[v], instances[v]
+        row, shown, far, of = numbers[h - 1 - v], facets[v], depth[v], instances[v]
         for u in range(w):
             far[u] = row[u, 0]
         for u in range(w):
-            of[u] = instance[np.uint32(row[u, 1])]
-
-
-@compiled("s3 j2!", allocates=False)
-def facet_rows(numbers: Any, rows: Any) -> None:
-    """Facets (h, w) from the top row on, -1 for none, of numbers (h, w, 2) as in `depth_and_instances`."""
-    h, w = rows.shape
-    for v in range(h):
-        row, into = numbers[h - 1 - v], rows[v]
+            shown[u] = np.int32(row[u, 1]) - np.int32(1)
         for u in range(w):
-            into[u] = np.int32(row[u, 1]) - np.int32(1)
+            of[u] = instance[np.uint32(row[u, 1])]

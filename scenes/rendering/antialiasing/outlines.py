@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.antialiasing.border_kernels import find_smooth, number_planes
-from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, depth_and_instances, facet_rows
+from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, part_numbers
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import Facets
@@ -32,6 +32,13 @@ class Moment(NamedTuple):
             return False
         pose, others = self.cam_from_world, other.cam_from_world
         return pose is others or bool(np.array_equal(pose.matrix, others.matrix))
+
+
+class Pixels(NamedTuple):
+    """What a view shows at pixel centres: facets (h, w), -1 for the background, with their depths and instances."""
+
+    facets: NDArray[np.int32]
+    geometry: Geometry
 
 
 class Outlines:
@@ -69,18 +76,13 @@ class Outlines:
             self._moment = moment
         return table
 
-    def geometry(self, numbers: NDArray[np.float32]) -> Geometry:
-        """Depth and instances (h, w) of what was rendered at pixel centres."""
+    def pixels(self, numbers: NDArray[np.float32]) -> "Pixels":
+        """What was rendered at pixel centres, of numbers (h, w, 2) as read back: see `part_numbers`."""
         size = numbers.shape[:2]
-        seen = Geometry(np.empty(size, dtype=np.float32), np.empty(size, dtype=np.uint8))
-        depth_and_instances(numbers, self._instance, seen.depth_m, seen.instances)
-        return seen
-
-    def rows(self, numbers: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Facets (h, w) of what was rendered at pixel centres, -1 for the background."""
-        rows = np.empty(numbers.shape[:2], dtype=np.int32)
-        facet_rows(numbers, rows)
-        return rows
+        geometry = Geometry(np.empty(size, dtype=np.float32), np.empty(size, dtype=np.uint8))
+        pixels = Pixels(np.empty(size, dtype=np.int32), geometry)
+        part_numbers(numbers, self._instance, pixels.facets, *geometry)
+        return pixels
 
 
 def opposite_facets(corners: Array, part: NDArray[np.int64]) -> NDArray[np.int64]:
