@@ -103,18 +103,10 @@ def _intrinsics(camera: Camera) -> tuple[float, float, float, float]:
 
 
 def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> Array:
-    """Difference (n,) of grey levels across the edge at each sample, 0 where it is not visible.
-
-    Of the part of the image that has all samples.
-    """
+    """Difference (n,) of grey levels across the edge at each sample, 0 where it is not visible."""
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float32)
     places, out = np.empty((2, int(seen.sum()), 2), dtype=np.float32), np.zeros(len(pixels))
     if places_beside(pixels, which, seen, SIDE_PX, places):
-        size = np.array([image.shape[1], image.shape[0]])
-        low = np.clip(np.floor(places.min(axis=(0, 1))) - 1, 0, size - 1).astype(np.int64)
-        high = np.clip(np.ceil(places.max(axis=(0, 1))) + 2, low + 1, size).astype(np.int64)
-        around = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
-        grey = np.asarray(cv2.cvtColor(around, cv2.COLOR_BGR2GRAY), dtype=np.float32)
-        places -= low.astype(np.float32)
         parts = range(0, places.shape[1], MOST_PLACES)
         sides = [np.concatenate([sample(grey, side[None, k : k + MOST_PLACES])[0] for k in parts]) for side in places]
         out[seen] = np.abs(sides[0] - sides[1])

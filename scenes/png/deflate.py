@@ -89,10 +89,9 @@ def _tokens(data: Any, start: int, stop: int, places: Any, tokens: Any) -> int:
     for k in range(matches):
         begin, end = start + places[2 * k], start + places[2 * k + 1]
         if k < apart:
-            done = 0
-            while done < begin - i:  # most often once, and then without a branch that depends on how many there are
-                _copy_some(data, np.uint64(i + done), tokens, np.uint64(number + done))
-                done += AT_ONCE
+            _copy_some(data, np.uint64(i), tokens, np.uint64(number))
+            if begin - i > AT_ONCE:
+                _copy(data, i + AT_ONCE, begin, tokens, number + AT_ONCE)
         else:
             _copy(data, i, begin, tokens, number)
         number += begin - i

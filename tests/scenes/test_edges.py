@@ -59,26 +59,6 @@ def test_true_edges_lie_within_a_tenth_of_a_pixel_of_the_drawn_ones(name: str) -
     assert abs(np.mean(off)) < 0.03
 
 
-def test_contrast_does_not_depend_on_what_other_edges_are_in_view() -> None:
-    """Grey levels are computed about the edges in view only."""
-    camera = CAMERAS["pinhole"]
-    structure, part = block()
-    corners, triangles = box((-0.2, 0.45, 0.0), (0.1, 0.55, 0.5))
-    aside = Part(vertices=corners, triangles=triangles, instance=1)
-    both = Structure.from_mesh(
-        np.concatenate([structure.vertices, corners]), np.concatenate([structure.triangles, triangles + 8])
-    )
-    pose = looking((1.1, -0.3, 0.5), (0.0, 0.1, 0.14))
-    with Renderer((part, aside), FLAT_LIGHT, camera.width, camera.height) as renderer:
-        source = ideal_camera(renderer, camera, camera, None, lambda _: pose)
-        image = np.random.default_rng(5).integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
-        few, all_rows = (visible_edges(model, source, source.render(0), image) for model in (structure, both))
-    assert len(few) >= 7
-    assert len(all_rows) > len(few)
-    assert {tuple(row) for row in few[:, 1:].tolist()} <= {tuple(row) for row in all_rows[:, 1:].tolist()}
-    assert few[:, -1].min() > 5.0
-
-
 def test_a_frame_may_have_more_visible_samples_than_a_row_of_an_image_of_opencv() -> None:
     structure, part = block()
     many = replace(structure, edges=np.tile(structure.edges, (200, 1)))

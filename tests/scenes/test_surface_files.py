@@ -5,7 +5,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.scenes.conftest import FLAT_LIGHT, flow_codes, white_box
 from uavbench.scenes.camera import Camera
