@@ -69,8 +69,8 @@ def test_a_support_is_good_that_leads_the_least_one() -> None:
     assert config.good_support == config.loss.min_support + config.relocalization.lead
 
 
-def test_fewer_than_sixty_values_are_left() -> None:
-    assert len(VALUES) < 60
+def test_fewer_than_fifty_values_are_left() -> None:
+    assert len(VALUES) < 50
 
 
 def test_what_follows_from_a_value_follows_it() -> None:

@@ -31,7 +31,5 @@ class PatchesConfig:
     """Alignment in later frames."""
     enough_to_predict: Count = 8
     """Number of patches found from which edges need no wide search. Chosen on rendered seeds."""
-    flat_margin_px: Positive = 3.0
-    """Margin around a patch that must also lie on its face. Chosen on rendered seeds."""
     min_corner_grey2: Positive = 8.0
     """Least strength of a corner, (grey levels per px)^2 (Shi & Tomasi 1994). Chosen on rendered seeds."""

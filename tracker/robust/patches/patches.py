@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edges.columns import BESIDE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.corner_kernels import KeepOut, first_hit, strong_pixels
@@ -126,8 +127,11 @@ class Texture:
             self.count += 1
 
     def _around(self) -> Array:
-        """Pixels (n, 2) around a patch's centre that must be on the same face, the first three on its texels' axes."""
-        corner = HALF + self.config.flat_margin_px
+        """Pixels (n, 2) around a patch's centre that must be on the same face, the first three on its texels' axes.
+
+        As far from the patch as the colours beside an edge reach, so that no edge shows in it.
+        """
+        corner = HALF + BESIDE
         return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-corner, corner), repeat=2)])
 
     def _spots(self, pose: Pose) -> Indices:
