@@ -19,12 +19,12 @@ MINE = '[trackers.mine]\nkind = "robust"\n'
 
 
 def test_a_suite_sets_one_value_and_the_rest_stays(tmp_path):
-    more = f"{MINE}[trackers.mine.config.solver.estimator]\npatches_prior_part = 1\nfine_widths_px = [2.0]\n"
+    more = f"{MINE}[trackers.mine.config.solver.estimator]\npatches_prior_part = 1\ncoarse_widths_px = [2.0]\n"
     mine = load_suite(small_suite(tmp_path, more)).trackers["mine"]
     assert mine.config.solver.estimator.patches_prior_part == 1.0
     assert mine == changed(
         changed(Robust(), "config.solver.estimator.patches_prior_part", 1.0),
-        "config.solver.estimator.fine_widths_px",
+        "config.solver.estimator.coarse_widths_px",
         (2.0,),
     )
     assert content_hash(mine) != content_hash(Robust())
@@ -36,8 +36,8 @@ def test_a_suite_sets_one_value_and_the_rest_stays(tmp_path):
         ("motion", "memory = 2.0", r"trackers.mine.config.motion.memory: unknown key; did you mean 'memory_s'"),
         ("motion", "memory_s = 0.0", r"trackers.mine.config.motion.memory_s: input should be greater than 0, got 0"),
         ("edge", "x = 1", r"trackers.mine.config.edge: unknown key; did you mean 'edges'"),
-        ("patches", "enough_to_predict = 2.5", r"patches.enough_to_predict: input should be a valid integer"),
-        ("solver.estimator", "fine_widths_px = [2.0, -1.0]", r"fine_widths_px\[1\]: input should be greater than 0"),
+        ("budget", "evaluations = 2.5", r"budget.evaluations: input should be a valid integer"),
+        ("solver.estimator", "coarse_widths_px = [2.0, -1.0]", r"coarse_widths_px\[1\]: input should be greater than 0"),
     ],
 )
 def test_a_mistake_in_a_value_names_its_key(tmp_path, table, line, told):
@@ -47,7 +47,7 @@ def test_a_mistake_in_a_value_names_its_key(tmp_path, table, line, told):
 
 def test_every_value_of_robust_is_varied_within_its_bounds(tmp_path):
     values = list(values_of(Robust()))
-    assert len({value.path for value in values}) == len(values) > 40
+    assert len({value.path for value in values}) == len(values) > 30
     for value in values:
         made = [value.scaled(factor) for factor in (0.5, 2.0)]
         assert any(m is not None for m in made), value.path
@@ -61,7 +61,7 @@ def test_every_value_of_robust_is_varied_within_its_bounds(tmp_path):
 def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path):
     suite, out = small_suite(tmp_path, MINE), tmp_path / "out"
     suite.write_text(suite.read_text().replace("seeds = [0, 1]", "seeds = [0]"))
-    values = ("config.edges.sampling.spacing_px", "config.loss.slow_s")
+    values = ("config.edges.sampling.spacing_px", "config.relocalization.similarity.share")
     command = ["sensitivity", str(suite), "--tracker", "mine", "--out", str(out), "--jobs", "1"]
     command += [word for value in values for word in ("--value", value)]
     first = CliRunner().invoke(main, command)
@@ -70,8 +70,8 @@ def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path):
     assert [(row["value"], row["factor"]) for row in rows] == [(v, f) for v in values for f in ("0.5", "2")]
     assert all(row["runs"] == "1" for row in rows)
     assert rows[0]["runs_changed"] == "1", "twice as many control points give another pose"
-    assert [row["runs_changed"] for row in rows[2:]] == ["0", "0"], "frames of 15 Hz are never slow"
-    assert "No run responds to: `config.loss.slow_s`." in (out / "sensitivity.md").read_text()
+    assert [row["runs_changed"] for row in rows[2:]] == ["0", "0"], "rivals are looked for at slow rates"
+    assert "No run responds to: `config.relocalization.similarity.share`." in (out / "sensitivity.md").read_text()
     table = {name: (out / name).read_bytes() for name in ("sensitivity.md", "sensitivity.csv")}
     again = CliRunner().invoke(main, command)
     assert again.exit_code == 0, again.output

@@ -54,7 +54,8 @@ from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
 MIN_POINTS = 6
-"""Least number of control points or patches for a fit."""
+"""Least number of control points or patches for a fit, and of patches that make a wide search of edges unnecessary:
+these give two equations each, and thus twice as many as a pose has unknowns."""
 MOST_POINTS = 200
 """Approximate largest number of visible control points, beyond which long edges get fewer: limits their time."""
 TAKE_EVERY = 4
@@ -184,7 +185,7 @@ class EdgeFitter:
         view, widths, solver = problem.view, self.values.widths, self.config.solver
         with clock.stage("texture"):
             matches = self.texture.align(problem.image, view)
-            if np.count_nonzero(matches.correlation > 0) >= self.config.patches.enough_to_predict:
+            if np.count_nonzero(matches.correlation > 0) >= MIN_POINTS:
                 estimate = self.solve(problem, NO_MEASUREMENTS, matches, NO_EDGES, view, widths.coarse)
                 return Aligned(view.to(estimate.R, estimate.t), matches)
         if not len(problem.points.points):
@@ -320,7 +321,7 @@ class EdgeFitter:
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
-        patches, used, pose, image = self.config.patches, fit.residuals, fit.cam_from_world, layered(image)
+        used, pose, image = fit.residuals, fit.cam_from_world, layered(image)
         if used is None:
             return
         lines, weighting = self.search_lines(used.points, self.view.at(pose)), used.weighting
@@ -337,7 +338,7 @@ class EdgeFitter:
             twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
             self.texture.shift(faces, twist, pose)  # others keep their places: the frame says nothing of them
         self.learned += 1
-        due = hits < patches.enough_to_predict or self.learned % TAKE_EVERY == 0
+        due = hits < MIN_POINTS or self.learned % TAKE_EVERY == 0
         if due and hits < MOST_USED and fit.edge_support >= self.config.good_support:
             if not hits:
                 self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Gt, Unit
 
-from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.bounds import Part, Positive
 
 
 @dataclass(frozen=True)
@@ -14,8 +14,6 @@ class AlignmentConfig:
 
     min_correlation: Part = 0.85
     """Least correlation at which a patch counts as found. Chosen on rendered seeds."""
-    min_contrast_grey: NotNegative = 3.0
-    """Contrast below which a patch is mostly noise and is neither created nor matched. Chosen on rendered seeds."""
     variance_px2: Positive = 0.1**2
     """Variance of a patch along either axis in addition to that due to noise. Measured on rendered boxes: relative
     positions of patches are accurate to about 0.1 px."""
@@ -29,7 +27,3 @@ class PatchesConfig:
 
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
     """Alignment in later frames."""
-    enough_to_predict: Count = 8
-    """Number of patches found from which edges need no wide search. Chosen on rendered seeds."""
-    min_corner_grey2: Positive = 8.0
-    """Least strength of a corner, (grey levels per px)^2 (Shi & Tomasi 1994). Chosen on rendered seeds."""

@@ -157,9 +157,11 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) 
     return chosen
 
 
-@compiled("u3 patches i1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
-def align(image: Image, patches: Patches, chosen: Indices, view: View, config: AlignmentConfig) -> PatchMatches:
-    """Matches of the chosen patches (m,) near their projections in a view.
+@compiled("u3 patches i1 view f0 alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
+def align(
+    image: Image, patches: Patches, chosen: Indices, view: View, least_grey: float, config: AlignmentConfig
+) -> PatchMatches:
+    """Matches of the chosen patches (m,) near their projections in a view, of at least a contrast in grey levels.
 
     Patches whose scale has changed too much since their creation are not searched. The variance grows with the
     difference between a patch and its reference.
@@ -168,7 +170,7 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
     places = np.empty((n, 3))
     observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.empty(n)
     variance[:] = config.variance_px2
-    reach, least = REACH_TEXELS, config.min_contrast_grey
+    reach = REACH_TEXELS
     now = np.empty((SIDE, SIDE))
     coarse = 0
     for k in range(n):
@@ -181,19 +183,19 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
             score[k] = -1.0
             continue
         ref = patches.texels[p]
-        fine = _refine(image, at, 0.0, 0.0, ref, now, config)
+        fine = _refine(image, at, 0.0, 0.0, ref, now, least_grey)
         da, db, best, spread = fine.da, fine.db, fine.correlation, fine.spread
         if best < config.min_correlation and coarse < MAX_COARSE:
             coarse += 1
             top, ta, tb = -1.0, 0, 0
             for i in range(-reach, reach + 1, 2):
                 for j in range(-reach, reach + 1, 2):
-                    if sample_patch(image, at, float(j), float(i), now, least):
+                    if sample_patch(image, at, float(j), float(i), now, least_grey):
                         value = correlation(now, ref)
                         if value > top:
                             top, ta, tb = value, j, i
             if top > 0.0:
-                other = _refine(image, at, float(ta), float(tb), ref, now, config)
+                other = _refine(image, at, float(ta), float(tb), ref, now, least_grey)
                 if other.correlation > best:
                     da, db, best = other.da, other.db, other.correlation
         if best >= config.min_correlation:
@@ -205,8 +207,8 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
     return PatchMatches(places, observed, score, variance)
 
 
-@compiled("u3 warp f0 f0 f2 f2! alignment", inner=True, warp=WARP, alignment=ALIGNMENT)
-def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, config: AlignmentConfig) -> Shift:
+@compiled("u3 warp f0 f0 f2 f2! f0", inner=True, warp=WARP)
+def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, least_grey: float) -> Shift:
     """The shift that aligns a patch with its reference `ref`, starting from (da, db); its texels there go to `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9
     for i in range(1, SIDE - 1):
@@ -218,10 +220,10 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
         return Shift(da, db, -1.0, 0.0)
-    reach, least = REACH_TEXELS, config.min_contrast_grey
+    reach = REACH_TEXELS
     begin_a, begin_b = da, db
     for _ in range(MAX_STEPS):
-        if not sample_patch(image, at, da, db, now, least):
+        if not sample_patch(image, at, da, db, now, least_grey):
             return Shift(da, db, -1.0, 0.0)
         ea, eb = 0.0, 0.0
         for i in range(1, SIDE - 1):

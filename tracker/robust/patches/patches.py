@@ -47,7 +47,7 @@ class Texture:
     """The patches of a structure created so far; rows from len(self) on are free."""
 
     def __init__(self, edges: EdgeMap, camera: Camera, view: View, config: RobustConfig) -> None:
-        self.config, self.alignment = config.patches, kernel_values(config.patches.alignment)
+        self.alignment, self.noise_grey = kernel_values(config.patches.alignment), config.preprocessing.max_noise_grey
         self.from_edges_px, self.young_s = config.solver.estimator.separate_px, config.solver.bias.correlation_s
         self.edges, self.camera, self.view = edges, camera, view
         self.count = 0
@@ -65,7 +65,7 @@ class Texture:
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
-        found = align(image, self.patches, self.chosen, view, self.alignment)
+        found = align(image, self.patches, self.chosen, view, self.noise_grey, self.alignment)
         age_s = np.maximum(self.now_s - self.patches.taken_s[self.chosen], LEAST_AGE_S)
         return found._replace(variance_px2=found.variance_px2 * (1 + self.young_s / age_s))
 
@@ -88,8 +88,11 @@ class Texture:
         shift_places(self.patches, self.count, seen, twist, self.view.at(pose), self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
-        """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges."""
-        c = self.config
+        """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges.
+
+        The least strength of a corner is what the most noise left in a frame alone is expected to give: the variance of
+        half the difference of two pixels.
+        """
         if self.count > MAX_PATCHES - MOST_USED:
             order = np.argsort(-self.patches.hits[: self.count], kind="stable")
             self._keep(np.argsort(order, kind="stable") < MAX_PATCHES * 3 // 4)
@@ -99,7 +102,7 @@ class Texture:
         most = min(MAX_PATCHES - self.count, 2 * MOST_USED if self.count == 0 else MOST_NEW)
         edges = KeepOut(np.ascontiguousarray(edge_pixels), self.from_edges_px)
         known = KeepOut(self._known_pixels(pose), SPACING_PX)
-        pixels = strong_pixels(image, spots, edges, known, c.min_corner_grey2, most)
+        pixels = strong_pixels(image, spots, edges, known, 0.5 * self.noise_grey**2, most)
         if len(pixels):
             self._append(image, pixels, pose)
 
@@ -116,7 +119,7 @@ class Texture:
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
-            if face < 0 or norm < self.config.alignment.min_contrast_grey * SIDE:
+            if face < 0 or norm < self.noise_grey * SIDE:
                 continue
             plane = self.edges.planes[face]
             points = eye + ray[:3] * ((plane[3] - plane[:3] @ eye) / (ray[:3] @ plane[:3]))[:, None]
