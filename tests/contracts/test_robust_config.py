@@ -6,6 +6,7 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import numpy as np
 import pytest
 from annotated_types import Unit
 
@@ -82,6 +83,12 @@ def test_what_follows_from_a_value_follows_it() -> None:
     surer = replace(config.relocalization, lead=2.0 * config.relocalization.lead)
     assert surer.lead_of_rivals == pytest.approx(2.0 * config.relocalization.lead_of_rivals)
     assert surer.sigma_cost == pytest.approx(2.0 * config.relocalization.sigma_cost)
+
+
+def test_colours_are_learned_up_to_the_residual_of_most_influence() -> None:
+    estimator = RobustConfig().solver.estimator
+    r, c = np.linspace(0.0, 1.5, 15001), estimator.fine_widths_px[-1]
+    assert estimator.trusted_px == pytest.approx(r[np.argmax(r * (1 - (r / c) ** 2) ** 2)], abs=2e-4)
 
 
 def test_every_value_is_read_by_the_tracker() -> None:

@@ -329,7 +329,8 @@ class EdgeFitter:
         near = np.abs(weighting.residual) < self.values.widths.last[-1]
         distance = np.where(near, weighting.residual, np.inf)
         learn_squares(lines, rows, distance, fit.covariance, self.appearance, values)
-        learn(image, lines, rows, weighting.weight, distance, self.appearance, values)
+        beside = np.abs(weighting.residual) < self.config.solver.estimator.trusted_px
+        learn(image, lines, rows, np.where(beside, weighting.weight, 0.0), self.appearance, values)
         alone = np.where((used.steps == 1) & (weighting.weight > 0), distance, np.inf)
         self.blur.learn(excess_blur(image, lines, rows, self.appearance, alone, self.blur.px), values.learning_rate)
         faces = self.texture.patches.face[used.chosen[weighting.patch_weight > 0]]

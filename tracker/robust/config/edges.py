@@ -37,8 +37,6 @@ class SearchConfig:
 class AppearanceConfig:
     """Colours and residuals learned of each part of an edge."""
 
-    max_colour_residual_px: Positive = 0.7
-    """Largest residual of a control point from which colours are learned. Chosen on rendered seeds."""
     learning_rate: Part = 0.1
     """Least weight of the newest frame in running means: of colours, residuals and the usual support. Chosen on
     rendered seeds."""

@@ -1,5 +1,6 @@
 """Tuned values of the solver: hypotheses, M-estimation, nuisance biases."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -35,6 +36,14 @@ class EstimatorConfig:
     def separate_px(self) -> float:
         """Spacing from which edges do not disturb each other: beyond the largest cutoff."""
         return float(self.coarse_widths_px[0])
+
+    @property
+    def trusted_px(self) -> float:
+        """Residual of most influence, beyond which a match is the less believed the larger it is.
+
+        That of the last biweight: its influence r (1 - r^2 / c^2)^2 has its maximum at c / sqrt(5).
+        """
+        return float(self.fine_widths_px[-1]) / math.sqrt(5.0)
 
 
 @dataclass(frozen=True)

@@ -174,27 +174,16 @@ def search(
     return Candidates(distance, contrast)
 
 
-@compiled("u3 lines i1 f1 f1 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
+@compiled("u3 lines i1 f1 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
 def learn(
-    image: Image,
-    at: SearchLines,
-    rows: Indices,
-    found: Array,
-    residual: Array,
-    appearance: Array,
-    config: AppearanceConfig,
+    image: Image, at: SearchLines, rows: Indices, found: Array, appearance: Array, config: AppearanceConfig
 ) -> None:
-    """Update `appearance` in place with the colours beside each control point that was found (n,) > 0 near its edge.
-
-    residual (n,): distance in px of the match from the projected edge, inf for none.
-    """
+    """Update `appearance` in place with the colours beside each control point that was found (n,) > 0 near its edge."""
     lines, side = at.lines, at.side
     colours = np.zeros((2 * BESIDE + 1, 3))
     for p in range(len(lines)):
         r = rows[p]
-        if side[p] == OUTSIDE or residual[p] == np.inf:
-            continue
-        if not found[p] > 0.0 or abs(residual[p]) > config.max_colour_residual_px:
+        if side[p] == OUTSIDE or not found[p] > 0.0:
             continue
         if not sample_profile(image, lines[p], BESIDE, colours):
             continue
