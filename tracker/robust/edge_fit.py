@@ -290,7 +290,7 @@ class EdgeFitter:
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
         points = problem.points
-        found = search(problem.image, lines, points.rows, self.appearance, half_px, self.values.search)
+        found = search(problem.image, lines, points.rows, self.appearance, half_px, self.weak_step, self.values.search)
         variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
         return EdgeMeasurements(points, lines, found, problem.weight, variance_px2)
 

@@ -28,9 +28,6 @@ class SearchConfig:
     """Least intensity step of a candidate, and of a learned edge with a colour direction. Chosen on rendered seeds."""
     learned_step_part: Part = 0.2
     """Least step of a candidate as a fraction of the learned step. Chosen on rendered seeds."""
-    colour_sigma_grey: Positive = 14.0
-    """Standard deviation of the colour beside an edge between frames; also added to the learned step, by which
-    contrasts are divided for ranking. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,8 @@ class AppearanceConfig:
     rendered seeds."""
     weak_step_grey: Positive = 15.0
     """Intensity step at which an edge is assumed to have an error of 1 px, inversely proportional to the step, while
-    its residuals are not learned; at this step its weight is one half. Chosen on rendered seeds."""
+    its residuals are not learned; at this step its weight is one half. Also the standard deviation of the colour beside
+    an edge between frames, which is added to the learned step for ranking contrasts. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)

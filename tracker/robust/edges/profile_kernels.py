@@ -92,15 +92,22 @@ def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> floa
     return max(-1.0, min(1.0, 0.5 * (slope[0] - slope[2]) / bend)) if bend < 0.0 else 0.0
 
 
-@compiled("u3 lines i1 f2 f1 search", lines=SEARCH_LINES, search=SEARCH)
+@compiled("u3 lines i1 f2 f1 f0 search", lines=SEARCH_LINES, search=SEARCH)
 def search(
-    image: Image, at: SearchLines, rows: Indices, appearance: Array, half: Array, config: SearchConfig
+    image: Image,
+    at: SearchLines,
+    rows: Indices,
+    appearance: Array,
+    half: Array,
+    weak_step: float,
+    config: SearchConfig,
 ) -> Candidates:
     """Candidates of each control point on its search line.
 
     rows (n,): rows of `appearance`; half (n,): half lengths of the search lines in px. Candidates are ranked by
-    contrast, less a penalty for colours beside them that differ from the learned ones. Contrast is signed along the
-    learned step, in grey levels; without learned appearance it is that of the grey image, unsigned.
+    contrast, less a penalty for colours beside them that differ from the learned ones by more than weak_step, in grey
+    levels. Contrast is signed along the learned step, in grey levels; without learned appearance it is that of the grey
+    image, unsigned.
     """
     lines, side = at.lines, at.side
     n, candidates = len(lines), CANDIDATES
@@ -161,9 +168,9 @@ def search(
                     low = 0.0
                 elif side[p] == SILHOUETTE_NEGATIVE:
                     high = 0.0
-                cost = 0.5 * (low + high) / (config.colour_sigma_grey * config.colour_sigma_grey)
+                cost = 0.5 * (low + high) / (weak_step * weak_step)
                 cost = min(SIGMAS * SIGMAS, cost)
-            value = g[k] / (step + config.colour_sigma_grey) - 0.5 * cost  # exponent of a normal density
+            value = g[k] / (step + weak_step) - 0.5 * cost  # exponent of a normal density
             slot = 0
             for s in range(1, candidates):
                 if rank[s] < rank[slot]:
