@@ -76,8 +76,9 @@ def test_fewer_than_fifty_values_are_left() -> None:
 
 def test_what_follows_from_a_value_follows_it() -> None:
     config = RobustConfig()
-    estimator = replace(config.solver.estimator, coarse_widths_px=(10.0, 4.0), fine_widths_px=(3.0, 2.0))
-    assert (estimator.separate_px, estimator.fine_half_px) == (10.0, 4.0)
+    estimator = replace(config.solver.estimator, coarse_widths_px=(10.0, 4.0))
+    assert (estimator.separate_px, estimator.fine_half_px) == (10.0, 6.0)
+    assert estimator.fine_widths_px == (5.0, 2.0, 2.0, 2.0)
     finer = replace(config.relocalization, search=replace(config.relocalization.search, view_step_rad=0.08))
     assert finer.found_sigma == pytest.approx(0.5 * config.relocalization.found_sigma)
     surer = replace(config.relocalization, lead=2.0 * config.relocalization.lead)

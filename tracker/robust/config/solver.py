@@ -17,12 +17,17 @@ class EstimatorConfig:
 
     coarse_widths_px: Widths = (8.0, 5.0, 3.0)
     """Cutoffs after the hypotheses, and of a fit to patches alone; beyond the last one a candidate is an outlier of a
-    hypothesis. Chosen on rendered seeds."""
-    fine_widths_px: Widths = (4.0, 3.0, 2.0, 1.5, 1.5)
-    """Cutoffs after the short search; only the last two in sub-pixel refinement. Chosen on rendered seeds: smaller
-    ones lose edges with large offsets."""
+    hypothesis. Chosen on rendered seeds: smaller ones lose edges with large offsets."""
     patches_prior_part: Annotated[float, Interval(gt=0, le=1), Unit("1")] = 0.01
     """Fraction of the total information that regularizes the pose of the patches alone. Chosen on rendered seeds."""
+
+    @property
+    def fine_widths_px(self) -> tuple[float, ...]:
+        """Cutoffs after the short search: half as large, and the last one three times; in sub-pixel refinement the last
+        two.
+        """
+        half = [0.5 * width_px for width_px in self.coarse_widths_px]
+        return (*half, half[-1], half[-1])
 
     @property
     def fine_half_px(self) -> float:
@@ -33,17 +38,17 @@ class EstimatorConfig:
         return float(self.fine_widths_px[0]) + 1.0
 
     @property
-    def separate_px(self) -> float:
-        """Spacing from which edges do not disturb each other: beyond the largest cutoff."""
-        return float(self.coarse_widths_px[0])
-
-    @property
     def trusted_px(self) -> float:
         """Residual of most influence, beyond which a match is the less believed the larger it is.
 
         That of the last biweight: its influence r (1 - r^2 / c^2)^2 has its maximum at c / sqrt(5).
         """
         return float(self.fine_widths_px[-1]) / math.sqrt(5.0)
+
+    @property
+    def separate_px(self) -> float:
+        """Spacing from which edges do not disturb each other: beyond the largest cutoff."""
+        return float(self.coarse_widths_px[0])
 
 
 @dataclass(frozen=True)
