@@ -81,6 +81,8 @@ def test_what_follows_from_a_value_follows_it() -> None:
     assert estimator.fine_widths_px == (5.0, 2.0, 2.0, 2.0)
     finer = replace(config.relocalization, search=replace(config.relocalization.search, view_step_rad=0.08))
     assert finer.found_sigma == pytest.approx(0.5 * config.relocalization.found_sigma)
+    truncated = replace(config.relocalization.search, truncation_px=10.0)
+    assert truncated.step_part == pytest.approx(2.0 * config.relocalization.search.step_part)
     surer = replace(config.relocalization, lead=2.0 * config.relocalization.lead)
     assert surer.lead_of_rivals == pytest.approx(2.0 * config.relocalization.lead_of_rivals)
     assert surer.sigma_cost == pytest.approx(2.0 * config.relocalization.sigma_cost)

@@ -157,7 +157,7 @@ class Decider:
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit, or one of the edges alone if they contradict the patches and have clearly more support."""
-        loss, relocalization = self.config.loss, self.config.relocalization
+        loss, lead = self.config.loss, self.config.relocalization.lead
         contradict = fit.edge_support < min(loss.min_support, fit.support)
         room = self.fitter.has_room_for(1)
         if not (contradict and room and fit.control_points >= MIN_POINTS):
@@ -166,8 +166,8 @@ class Decider:
             kept = self.fitter.texture
             self.fitter.forget_patches()
             narrow = isotropic_covariance(self.config.initialization.sigma, self.state.range_m)
-            alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
-            if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + relocalization.lead):
+            alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock)
+            if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + lead):
                 return alone
             self.fitter.texture = kept
             return fit
@@ -175,10 +175,9 @@ class Decider:
     def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
         """A fit constrained to the initial pose; None if another fit has clearly more support."""
         initial = self.config.initialization
-        half_px = self.config.relocalization.refit_half_px
         least = max(initial.min_support, fit.support - self.config.relocalization.lead)
         narrow = isotropic_covariance(initial.kept_sigma, self.state.range_m)
-        kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock, half_px)
+        kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock)
         if not (kept.finite and kept.support >= least):
             return None
         sure = max(self.config.good_support, kept.edge_support)  # patches are created there immediately

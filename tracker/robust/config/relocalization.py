@@ -3,7 +3,14 @@
 import math
 from dataclasses import dataclass, field
 
-from uavbench.tracker.robust.config.bounds import Part, Positive, Ratio, Weight
+from uavbench.tracker.robust.config.bounds import Part, Positive, Weight
+
+FAR_VIEW_RAD = 0.4
+"""Extent of the search of azimuth far from a guess, and of elevation half as much. Limits the time of a complete
+search: around one guess it takes up to 60,000,000 evaluations, as many as 24 frames of the default budget have for it.
+"""
+SMALL_WIDTH = 160
+"""Width of the small image of the pose search, px."""
 
 
 @dataclass(frozen=True)
@@ -15,9 +22,13 @@ class PoseSearchConfig:
     refined around the best one. Chosen on rendered seeds."""
     view_step_rad: Positive = 0.16
     """Step of azimuth and elevation. Chosen on rendered seeds."""
-    step_part: Ratio = 0.06
-    """Step of roll (rad) and of the logarithm of the range: either moves an edge point by this fraction of its distance
-    from the centre. Chosen on rendered seeds."""
+
+    @property
+    def step_part(self) -> float:
+        """Step of roll (rad) and of the logarithm of the range, which moves an edge point at the image's side by one
+        step of shifts: either moves it by this fraction of its distance from the centre.
+        """
+        return self.truncation_px / (0.5 * SMALL_WIDTH)
 
 
 @dataclass(frozen=True)
@@ -37,10 +48,6 @@ class RelocalizationConfig:
     """Search on a small image."""
     similarity: SelfSimilarityConfig = field(default_factory=SelfSimilarityConfig)
     """Self-similarity of the structure."""
-    half_px: Positive = 20.0
-    """Half length of search lines at poses from the search. Chosen on rendered seeds."""
-    refit_half_px: Positive = 12.0
-    """Half length of search lines when such a pose is fitted again. Chosen on rendered seeds."""
     found_support: Weight = 0.3
     """Support that equals a factor of e in the weight of the inliers. Measured on a box in a level view: support 0.77
     at a pose that hid its top, 0.68 with 1.6 times the weight at the true pose."""

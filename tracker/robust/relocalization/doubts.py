@@ -60,8 +60,7 @@ class Doubts:
     def anew(self, image: Image, fit: Fit, range_m: float) -> Fit:
         """A fit at the pose of a given one, without memory."""
         known = isotropic_covariance(self.config.initialization.sigma, range_m)
-        half_px = self.config.relocalization.refit_half_px
-        return self.without_memory().searched(image, fit.cam_from_world, known, StageClock(), half_px)
+        return self.without_memory().searched(image, fit.cam_from_world, known, StageClock())
 
     def without_memory(self) -> EdgeFitter:
         """The fitter that has learned nothing, with what is left of the frame's budget."""
@@ -96,7 +95,7 @@ class Doubts:
         while self.innocent.has_room_for(1) and not self.surrounded:
             self.in_vain, self.tried = self.in_vain + 1, self.tried + 1
             pose = Pose(*self.searcher.nearby(motion(base.cam_from_world), base.focus, self.tried))
-            found = self.innocent.searched(image, pose, wide, StageClock(), config.half_px)
+            found = self.innocent.searched(image, pose, wide, StageClock(), self.searcher.half_px)
             if not (found.finite and found.support > base.support):
                 continue
             if not self.turned.ends_at(base, found, range_m):

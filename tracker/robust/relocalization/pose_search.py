@@ -16,6 +16,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.config.relocalization import SMALL_WIDTH
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
@@ -38,8 +39,6 @@ from uavbench.tracker.robust.view import View
 from uavbench.tracker.robust.work import sampling_evaluations
 from uavbench.trajectories.pose import Array
 
-SMALL_WIDTH = 160
-"""Width of the small image, px."""
 BESIDE = 1 / 3
 """Margin, as a fraction of the image width, in which edges count as visible, since a shift may bring them in."""
 EDGE_POINTS = 140
@@ -137,6 +136,11 @@ class PoseSearch:
         Measured on rendered boxes: wrong fits are mostly turned by some 0.1 rad, where their outline is the right one.
         """
         return 0.5 * self.config.view_step_rad
+
+    @property
+    def half_px(self) -> float:
+        """Half length of search lines at its poses, px of the whole image: how far an edge point that counts may be."""
+        return float(self.config.truncation_px * self.scale)
 
     @property
     def steps(self) -> Array:

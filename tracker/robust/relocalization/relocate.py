@@ -13,6 +13,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.robust.config.relocalization import FAR_VIEW_RAD
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
@@ -34,10 +35,9 @@ from uavbench.tracker.robust.work import DISTANCES
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
-FAR_VIEW_RAD, FAR_RANGE_PART, FAR_SHIFT_PART = 0.4, 0.25, 0.3
-"""Extent far from a guess: of azimuth, and of elevation half as much; of the relative range; of shifts, as a fraction
-of the image width. Limits the time of a complete search: around one guess it takes up to 60,000,000 evaluations, as
-many as 24 frames of the default budget have for it.
+FAR_RANGE_PART, FAR_SHIFT_PART = 0.25, 0.3
+"""Extent far from a guess of the relative range, and of shifts as a fraction of the image width. Limits the time of a
+complete search as `FAR_VIEW_RAD` does.
 """
 LEAST_PART = 0.25
 """Part of a viewing direction's poses, the likeliest first, for which a frame must have room if it begins with it."""
@@ -87,7 +87,7 @@ class Relocator:
         config = self.config
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, fitter.config)
         self.rivals = Rivals(fitter, self.searcher, config)
-        self.turned = TurnedPoses(fitter, self.searcher.turn_rad, config)
+        self.turned = TurnedPoses(fitter, self.searcher, config)
         step = config.search
         near = Reach(config.near_part, config.near_part, config.near_part)
         far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
@@ -246,9 +246,9 @@ class Relocator:
     def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
         """A pose to fit, and, if its fit is the best so far, that fit's pose to be fitted again."""
         best = ranking.top
-        yield Attempt(pose, self.config.found_sigma, self.config.half_px, score)
+        yield Attempt(pose, self.config.found_sigma, self.searcher.half_px, score)
         if ranking.top is not best:
-            yield Attempt(motion(ranking.top.cam_from_world), self.known_sigma, self.config.refit_half_px)
+            yield Attempt(motion(ranking.top.cam_from_world), self.known_sigma, self.searcher.half_px)
 
     def attempts(self, candidates: list[Candidate], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit in order: the moved best pose of earlier frames; untried poses that match the image about as
@@ -262,7 +262,7 @@ class Relocator:
                 for each in candidates
                 if self.tried.within_reach(each.pose, NONE.added(self.best_before)).any()
             ]
-            yield Attempt((again or [self.best_before])[0], config.found_sigma, config.half_px)
+            yield Attempt((again or [self.best_before])[0], config.found_sigma, self.searcher.half_px)
         for hopeless in (False, True):
             for candidate in candidates:
                 worse = candidate.score < candidates[0].score - config.lead
@@ -277,10 +277,11 @@ class Relocator:
     def perturbed(self, fit: Fit) -> Iterator[Attempt]:
         """The next perturbation of a fit's pose (evolution strategy: Rechenberg 1973)."""
         self.perturbations += 1
-        c, pose, focus = self.config, motion(fit.cam_from_world), fit.focus
+        pose, focus = motion(fit.cam_from_world), fit.focus
         if focus is None:
             return
-        yield Attempt(self.searcher.nearby(pose, focus, self.perturbations), c.found_sigma, c.refit_half_px)
+        near = self.searcher.nearby(pose, focus, self.perturbations)
+        yield Attempt(near, self.config.found_sigma, self.searcher.half_px)
 
 
 class Turn(NamedTuple):

@@ -45,7 +45,7 @@ class Rivals:
                 if not self.fitter.has_room_for(1):
                     break
                 covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
-                fit = self.fitter.searched(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
+                fit = self.fitter.searched(sought.image, Pose(*pose), covariance, clock, self.searcher.half_px)
                 tried.add(pose, 0.0, motion(fit.cam_from_world), believed_support(fit))
                 tried.rivals = tried.rivals.added(pose)
                 fits += [fit] if fit.finite else []

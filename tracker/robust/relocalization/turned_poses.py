@@ -14,6 +14,7 @@ from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
@@ -22,10 +23,10 @@ from uavbench.trajectories.pose import Pose
 
 
 class TurnedPoses:
-    """Fits poses that are turned by turn_rad about the edges seen, and compares them with the best fit."""
+    """Fits poses that are turned about the edges seen, and compares them with the best fit."""
 
-    def __init__(self, fitter: EdgeFitter, turn_rad: float, config: RelocalizationConfig) -> None:
-        self.fitter, self.turn_rad, self.config = fitter, turn_rad, config
+    def __init__(self, fitter: EdgeFitter, searcher: PoseSearch, config: RelocalizationConfig) -> None:
+        self.fitter, self.searcher, self.config = fitter, searcher, config
 
     def agree(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> bool:
         """Fit the poses beside the best fit, and beside a better one elsewhere, while the budget lasts.
@@ -49,7 +50,7 @@ class TurnedPoses:
     def fit(self, pose: RigidMotion, sought: Sought) -> Fit:
         """The fit from a pose that is as uncertain as one that a search found."""
         covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
-        return self.fitter.fit(sought.image, Pose(*pose), covariance, StageClock(), self.config.refit_half_px)
+        return self.fitter.fit(sought.image, Pose(*pose), covariance, StageClock(), self.searcher.half_px)
 
     def beside(self, fit: Fit) -> Iterator[RigidMotion]:
         """The pose of a fit, turned to the left, right, up and down; none without control points."""
@@ -57,7 +58,7 @@ class TurnedPoses:
         for axis, sign in product((0, 1), (1.0, -1.0)):
             if focus is not None:
                 change = np.zeros(6)
-                change[axis] = sign * self.turn_rad
+                change[axis] = sign * self.searcher.turn_rad
                 yield turned_about(pose.R, pose.t, focus, change)
 
     def ends_at(self, fit: Fit, other: Fit, range_m: float) -> bool:
