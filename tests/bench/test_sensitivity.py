@@ -35,9 +35,10 @@ def test_a_suite_sets_one_value_and_the_rest_stays(tmp_path):
     [
         ("motion", "memory = 2.0", r"trackers.mine.config.motion.memory: unknown key; did you mean 'memory_s'"),
         ("motion", "memory_s = 0.0", r"trackers.mine.config.motion.memory_s: input should be greater than 0, got 0"),
+        ("loss", "slow_s = 0.3", r"trackers.mine.config.loss.slow_s: unknown key"),
         ("edge", "x = 1", r"trackers.mine.config.edge: unknown key; did you mean 'edges'"),
         ("budget", "evaluations = 2.5", r"budget.evaluations: input should be a valid integer"),
-        ("solver.estimator", "coarse_widths_px = [2.0, -1.0]", r"coarse_widths_px\[1\]: input should be greater than 0"),
+        ("solver.estimator", "coarse_widths_px = [2, -1]", r"coarse_widths_px\[1\]: input should be greater than 0"),
     ],
 )
 def test_a_mistake_in_a_value_names_its_key(tmp_path, table, line, told):

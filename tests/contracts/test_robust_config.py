@@ -1,6 +1,7 @@
 """The values of `robust`: each says its unit and where it comes from, and what follows from another one is none."""
 
 import ast
+import math
 import re
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -70,8 +71,8 @@ def test_a_support_is_good_that_leads_the_least_one() -> None:
     assert config.good_support == config.loss.min_support + config.relocalization.lead
 
 
-def test_fewer_than_fifty_values_are_left() -> None:
-    assert len(VALUES) < 50
+def test_fewer_than_forty_values_are_left() -> None:
+    assert len(VALUES) < 40
 
 
 def test_what_follows_from_a_value_follows_it() -> None:
@@ -83,6 +84,9 @@ def test_what_follows_from_a_value_follows_it() -> None:
     assert finer.found_sigma == pytest.approx(0.5 * config.relocalization.found_sigma)
     truncated = replace(config.relocalization.search, truncation_px=10.0)
     assert truncated.step_part == pytest.approx(2.0 * config.relocalization.search.step_part)
+    slower = replace(config, motion=replace(config.motion, acceleration_ranges_s2=0.75))
+    assert slower.slow_s == pytest.approx(2.0 * config.slow_s)
+    assert replace(config, motion=replace(config.motion, acceleration_ranges_s2=0.0)).slow_s == math.inf
     surer = replace(config.relocalization, lead=2.0 * config.relocalization.lead)
     assert surer.lead_of_rivals == pytest.approx(2.0 * config.relocalization.lead_of_rivals)
     assert surer.sigma_cost == pytest.approx(2.0 * config.relocalization.sigma_cost)

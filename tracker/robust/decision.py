@@ -212,7 +212,7 @@ class Decider:
 
     def is_slow(self, frame: Frame) -> bool:
         """Whether motion was extrapolated for so long that the fit may be to a neighbouring edge."""
-        return frame.extrapolated_s >= self.config.loss.slow_s
+        return frame.extrapolated_s >= self.config.slow_s
 
     def recover(self, frame: Frame, fit: Fit) -> Decision:
         """The best fit of a slice of the search around the prediction and the last pose, or the given fit."""
@@ -221,7 +221,7 @@ class Decider:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
         guesses = [predicted] if first else [predicted, self.state.motion.cam_from_world]
-        if frame.step_s >= loss.slow_s:
+        if frame.step_s >= self.config.slow_s:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
         scale = self.state.prediction_errors.scale

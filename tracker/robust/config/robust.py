@@ -4,6 +4,7 @@
 source. A suite sets any of them: ``[trackers.mine.config.motion]``.
 """
 
+import math
 from dataclasses import dataclass, field
 
 from uavbench.tracker.robust.config.bounds import NotNegative, Part, Positive, Ratio, Sigma
@@ -11,7 +12,7 @@ from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.config.edges import EdgesConfig
 from uavbench.tracker.robust.config.patches import PatchesConfig
 from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
-from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
+from uavbench.tracker.robust.config.relocalization import FAR_VIEW_RAD, RelocalizationConfig
 from uavbench.tracker.robust.config.solver import SolverConfig
 
 
@@ -28,12 +29,17 @@ class MotionConfig:
     """Standard deviation of the angular acceleration. Physical: the same multirotor."""
     initial_rate_1_s: NotNegative = 0.3
     """Standard deviation of an unknown velocity, in ranges/s and rad/s. Chosen on rendered seeds."""
-    max_sigma: Sigma = 0.2
-    """Limit of the standard deviation that the prediction adds to the pose, as a fraction of the range and in rad.
-    Chosen on rendered seeds."""
     expected_scale: Ratio = 3.0
     """Factor on the standard deviations of the vehicle filter's prediction, which thus counts with a ninth of its
     information: it depends on earlier poses of the same run, which must not count twice. Chosen on rendered seeds."""
+
+    @property
+    def max_sigma(self) -> float:
+        """Limit of the standard deviation that the prediction adds to the pose, as a fraction of the range and in rad.
+
+        The farthest viewing directions that are searched lie two standard deviations away.
+        """
+        return 0.5 * FAR_VIEW_RAD
 
 
 @dataclass(frozen=True)
@@ -61,10 +67,9 @@ class LossConfig:
     flights: -12 to -36 at the tracked pose, -9 to 2 at poses that are off by 5 to 30 % of the range. The same in one
     of the frames in which a first pose that a search found is doubted. Measured: -10.2 to -27.7 at 24 of 25 right poses
     found from a wrong initial pose, -6.3 to -9.2 where a box was sought in images of a bridge."""
-    slow_s: Positive = 0.3
-    """Frame interval above which a fit may be to a neighbouring edge. Chosen on rendered seeds."""
     slow_part: Part = 0.92
-    """Fraction of the usual support below which a pose search follows such an interval. Chosen on rendered seeds."""
+    """Fraction of the usual support below which a pose search follows an interval of `slow_s`. Chosen on rendered
+    seeds."""
     far_part: Part = 0.8
     """Least support, as a fraction of the usual one, of a pose far from the prediction, and of the first pose after
     track loss. Measured on a bridge: 0.55 to 0.64 one panel off, 0.8 at the true pose."""
@@ -97,3 +102,12 @@ class RobustConfig:
     def good_support(self) -> float:
         """Support below which a pose is searched: the least support of a track plus the lead required of a pose."""
         return self.loss.min_support + self.relocalization.lead
+
+    @property
+    def slow_s(self) -> float:
+        """Frame interval from which a fit may be to a neighbouring edge, s.
+
+        Acceleration of one standard deviation displaces the camera by a step of viewing directions meanwhile.
+        """
+        step, acceleration = self.relocalization.search.view_step_rad, self.motion.acceleration_ranges_s2
+        return math.sqrt(2.0 * step / acceleration) if acceleration > 0.0 else math.inf
