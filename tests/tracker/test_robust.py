@@ -1,5 +1,7 @@
 """The tracker robust: accuracy, uncertainty, bad input, loss and recovery on ray-cast frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -304,6 +306,13 @@ def test_patches_on_faces_that_a_frame_does_not_show_keep_their_places(flight):
     again = CAMERA.project((Pose.exp(twist) @ poses[0]).transform(after))
     assert np.abs(again - pixels)[shown].max() < 0.01
     assert np.abs(again - pixels)[~shown].min(axis=1).max() > 0.1
+
+
+def test_search_lines_of_the_pose_search_are_as_long_as_points_of_its_small_image_may_be_off():
+    whole = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), CONFIG)
+    half = PoseSearch(edge_map(box()), replace(CAMERA, width=CAMERA.width // 2), near_depth(box()), CONFIG)
+    assert whole.half_px == pytest.approx(CONFIG.relocalization.search.truncation_px * CAMERA.width / whole.size[0])
+    assert half.half_px == pytest.approx(whole.half_px / 2)
 
 
 def test_pose_search_ranks_a_near_pose_first(flight):
