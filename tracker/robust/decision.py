@@ -28,7 +28,7 @@ class Decision(NamedTuple):
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
     well. searched: the fit is that of a pose search. doubted: a settled pose that is not told apart yet from those
-    around it. leads: in this frame and the last one, an unsettled fit leads those at all likely poses.
+    around it. leads: in this frame and the last one that was searched, an unsettled fit leads those at likely poses.
     """
 
     fit: Fit
@@ -250,6 +250,8 @@ class Decider:
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
         if settled or (tracked and holds) or there:
             return Decision(fit, True, searched=unvouched)
-        leads = not first and found.near_done and found.leads and self.state.may_begin_at(found.fit)
+        if first or not found.near_done:
+            return Decision(found.fit, False, rivalled)
+        leads = found.leads and self.state.may_begin_at(found.fit)
         led, self.led = self.led, leads
         return Decision(found.fit, False, rivalled, leads=led and leads)
