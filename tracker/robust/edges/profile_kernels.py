@@ -231,7 +231,7 @@ def learn_squares(
         for i in range(6):
             for j in range(6):
                 left_open += J[p, i] * covariance[i, j] * J[p, j]
-        gain = max(config.learning_rate, 1.0 / (2.0 + row[TIMES_SEEN]))
+        gain = max(config.learning_rate, 1.0 / row[TIMES_SEEN])  # the first one takes the place of what was assumed
         row[MEAN_SQUARE] += gain * (residual[p] ** 2 + min(MOST_SQUARE_PX2, left_open) - row[MEAN_SQUARE])
 
 
