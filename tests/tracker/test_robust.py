@@ -144,7 +144,7 @@ def test_a_patch_that_is_missed_lowers_the_support_and_one_not_looked_for_does_n
     )
     found, missed, untried = (np.array([1.0, 0.9]), np.ones(2)), (np.zeros(2), np.zeros(2)), (np.zeros(2), -np.ones(2))
     weak_step = CONFIG.edges.appearance.weak_step_grey
-    shares = [support(seen, points, *patches, known, weak_step) for patches in (found, missed, untried)]
+    shares = [support(seen, np.ones(10), points, *patches, known, weak_step) for patches in (found, missed, untried)]
     assert [edges for _, edges in shares] == pytest.approx([0.8] * 3)
     assert shares[0][0] == pytest.approx((8 + 2) / (10 + 2))
     assert shares[1][0] == pytest.approx(8 / (10 + 2))

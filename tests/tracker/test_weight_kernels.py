@@ -6,7 +6,13 @@ import pytest
 from uavbench.tracker.robust.config.edges import AppearanceConfig, WeightConfig
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import learn_squares
-from uavbench.tracker.robust.edges.weight_kernels import offset_variances, point_variances
+from uavbench.tracker.robust.edges.weight_kernels import (
+    contrast_weights,
+    known_rows,
+    offset_variances,
+    point_variances,
+    support,
+)
 from uavbench.tracker.robust.kernel_values import kernel_values
 
 WEIGHTS = WeightConfig()
@@ -90,3 +96,39 @@ def test_a_point_that_is_not_found_or_not_known_learns_nothing():
         lines, np.arange(2), np.array([np.inf, 0.0]), np.eye(6), appearance, kernel_values(AppearanceConfig())
     )
     assert appearance[:, 7] == pytest.approx([0.3, 0.3])
+
+
+def test_a_second_look_takes_the_place_of_what_was_assumed_of_an_edge():
+    lines, nothing = SearchLines(np.zeros((1, 4)), np.zeros((1, 6)), np.ones(1, np.int64)), np.zeros((6, 6))
+    appearance = np.zeros((1, 8))
+    appearance[0, 6], appearance[0, 7] = 1.0, 1.0
+    for times, residual, learned in ((1.0, 0.1, 0.01), (2.0, 0.3, (0.01 + 0.09) / 2)):
+        appearance[0, 6] = times
+        learn_squares(
+            lines, np.zeros(1, np.int64), np.array([residual]), nothing, appearance, kernel_values(AppearanceConfig())
+        )
+        assert appearance[0, 7] == pytest.approx(learned)
+
+
+def test_a_part_that_was_not_learned_looks_like_the_nearest_one_of_the_same_edge_that_was():
+    appearance = np.zeros((24, 8))
+    appearance[[2, 7, 16], 6] = 1.0  # parts 2 and 7 of the first edge, part 0 of the third
+    parts = np.array([0, 2, 4, 6, 7, 8, 15, 23])
+    assert known_rows(parts, appearance).tolist() == [2, 2, 2, 7, 7, 8, 15, 16]
+
+
+def test_a_missed_part_of_a_known_edge_counts_as_much_as_its_other_parts():
+    """Else the support of a pose depends on which parts of its edges it happens to see."""
+    appearance = np.zeros((8, 8))
+    appearance[0, 0], appearance[0, 6] = 100.0, 1.0
+    points = ControlPoints(np.zeros((2, 3)), np.zeros((2, 3), np.int64), np.array([0, 5]), np.array([0, 2]))
+    weak, weights = WEAK_STEP, kernel_values(WEIGHTS)
+    own = contrast_weights(points.rows, appearance, weak, weights)
+    counts = contrast_weights(known_rows(points.rows, appearance), appearance, weak, weights)
+    found = Candidates(np.zeros((2, 1)), np.full((2, 1), 1000 * weak))
+    lines = SearchLines(np.zeros((2, 4)), np.zeros((2, 6)), np.ones(2, np.int64))
+    measured = EdgeMeasurements(points, lines, found, own, np.ones(2))
+    nothing = np.zeros(0)
+    for kept, share in (([1, 1], 1.0), ([1, 0], 0.5), ([0, 1], 0.5)):
+        got = support(measured, counts, own * kept, nothing, nothing, appearance, weak)
+        assert got.edges == pytest.approx(share * counts.sum() / max(1.0, counts.sum()), rel=1e-3)

@@ -14,15 +14,16 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.blur import Blur
 from uavbench.tracker.robust.edges.blur_kernels import excess_blur
-from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, OUTSIDE, U, V
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, learn_squares, search, search_range
-from uavbench.tracker.robust.edges.sampling_kernels import BINS, sample_edges, search_lines
+from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
     edge_spacing,
+    known_rows,
     offset_variances,
     point_variances,
     point_weights,
@@ -175,10 +176,13 @@ class EdgeFitter:
             lines = self.search_lines(points, view)
             separate_px = self.config.solver.estimator.separate_px
             spacing_px = edge_spacing(lines, points.keys, separate_px)
-            weight = point_weights(spacing_px, points.rows, self.appearance, separate_px, self.weak_step, weights)
+            rows = points.rows, known_rows(points.rows, self.appearance)
+            weight, counts = (
+                point_weights(spacing_px, each, self.appearance, separate_px, self.weak_step, weights) for each in rows
+            )
             prior = PosePrior(inverse6(covariance), view.R, view.t)
             edges = points.rows[points.first[:-1]] // BINS
-        return Problem(image, view, covariance, prior, points, lines, weight, edges)
+        return Problem(image, view, covariance, prior, points, lines, weight, counts, edges)
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
         """Coarse estimate, by the patches if enough of them are found, else by hypotheses over a wide search."""
@@ -243,7 +247,13 @@ class EdgeFitter:
         points, correlation, estimate = problem.points, aligned.matches.correlation, found.estimate
         weighting: Weighting = estimate.weighting
         share = support(
-            found.measured, weighting.weight, weighting.patch_weight, correlation, self.appearance, self.weak_step
+            found.measured,
+            problem.counts,
+            weighting.weight,
+            weighting.patch_weight,
+            correlation,
+            self.appearance,
+            self.weak_step,
         )
         n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
         unlocated = np.zeros(n, dtype=np.int64)

@@ -35,8 +35,8 @@ CERTAIN = Chance(0.0, 0.0)
 class Problem(NamedTuple):
     """An image (h, w, c), the prediction with its covariance (6, 6), and the control points visible at it.
 
-    lines are those at the prediction; weight (n,) of each control point; edges (g,) rows of the edges in view among the
-    offsets.
+    lines are those at the prediction; weight (n,) of each control point in the pose, counts (n,) in its support; edges
+    (g,) rows of the edges in view among the offsets.
     """
 
     image: Image
@@ -46,6 +46,7 @@ class Problem(NamedTuple):
     points: ControlPoints
     lines: SearchLines
     weight: Array
+    counts: Array
     edges: Indices
 
 

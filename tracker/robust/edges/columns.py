@@ -6,6 +6,8 @@ BOTH_FACES = 3
 """Bits of the visible faces of an edge, both set."""
 EDGE, FACES, PART = 0, 1, 2
 """Columns of a control point's key: its edge, the bits of its visible faces, the part of the edge."""
+BINS = 8
+"""Number of parts of an edge, each with its own appearance."""
 U, V, NORMAL_U, NORMAL_V = 0, 1, 2, 3
 """Columns of a search line: pixel of its middle, unit normal of the edge there."""
 NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN, MEAN_SQUARE = 0, 3, 6, 7

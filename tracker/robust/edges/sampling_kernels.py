@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row
 from uavbench.tracker.robust.edges.columns import (
     BESIDE,
+    BINS,
     BOTH_FACES,
     CREASE,
     EDGE,
@@ -38,8 +39,6 @@ FIRST_PART = 0.5
 """Part of the points by which the visible share is estimated, before all are placed."""
 LEAST_LENGTH_PX, MOST_LENGTH_PX, BISECTIONS = 0.01, 16384.0, 12
 """Lengths of edges in an image, and halvings of their ratio, to less than a hundredth."""
-BINS = 8
-"""Number of parts of an edge, each with its own appearance."""
 
 Indices = NDArray[np.int64]
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.columns import (
+    BINS,
     EDGE,
     MEAN_SQUARE,
     NEGATIVE_COLOUR,
@@ -66,6 +67,24 @@ def edge_spacing(at: SearchLines, keys: Indices, separate_px: float) -> Array:
             gap[p] = min(gap[p], across)
             gap[q] = min(gap[q], across)
     return gap
+
+
+@compiled("i1 f2")
+def known_rows(parts: Indices, appearance: Array) -> Indices:
+    """Rows (n,) of appearance that tell what parts (n,) of edges look like: the own ones, or those of the nearest part
+    of the same edge that was learned.
+    """
+    rows = parts.copy()
+    for p in range(len(parts)):
+        part = parts[p] % BINS
+        for away in range(BINS):
+            if part >= away and appearance[parts[p] - away, TIMES_SEEN] > 0.0:
+                rows[p] = parts[p] - away
+                break
+            if part + away < BINS and appearance[parts[p] + away, TIMES_SEEN] > 0.0:
+                rows[p] = parts[p] + away
+                break
+    return rows
 
 
 @compiled("i1 f2 f0 weights", weights=WEIGHTS)
@@ -152,9 +171,10 @@ class Support(NamedTuple):
     edges: float
 
 
-@compiled("measured f1 f1 f1 f2 f0", measured=EDGE_MEASUREMENTS)
+@compiled("measured f1 f1 f1 f1 f2 f0", measured=EDGE_MEASUREMENTS)
 def support(
     measured: EdgeMeasurements,
+    counts: Array,
     weights: Array,
     patch_weights: Array,
     correlation: Array,
@@ -163,17 +183,20 @@ def support(
 ) -> Support:
     """Weighted inlier ratio of the control points and patches.
 
-    weights (n,), patch_weights (m,): weights of the M-estimator, > 0 for inliers; correlation (m,): < 0 for patches
-    that were not searched.
+    counts (n,): how much each control point counts; weights (n,), patch_weights (m,): weights of the M-estimator, > 0
+    for inliers; correlation (m,): < 0 for patches that were not searched.
     """
     have, want = 0.0, 0.0
     for p in range(len(weights)):
-        want += measured.weight[p]
-        if appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
-            have += weights[p]
-        else:  # a match by a weak step of an edge without learned appearance is unreliable
+        want += counts[p]
+        if not weights[p] > 0.0:
+            continue
+        found = counts[p] * weights[p] / measured.weight[p]
+        if not appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
+            # a match by a weak step of an edge without learned appearance is unreliable
             step = measured.candidates.contrast[p].max()
-            have += weights[p] * step * step / (step * step + weak_step * weak_step)
+            found *= step * step / (step * step + weak_step * weak_step)
+        have += found
     edges = have / max(1.0, want)
     for p in range(len(patch_weights)):
         if patch_weights[p] > 0.0:
