@@ -28,7 +28,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
 )
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
-from uavbench.tracker.robust.relocalization.rivals import RIVALS, Rivals
+from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
@@ -155,12 +155,11 @@ class Relocator:
     def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: Ranking) -> bool:
         """Fit poses until one has enough support or the budget is spent; returns whether poses are left.
 
-        Budget is reserved for the fits of rivals: all that may be made after a long frame interval, which has more of
-        it, else as many as were made the last time.
+        Budget is reserved for as many fits of rivals as were made the last time.
         """
-        clock, reserved = StageClock(), RIVALS if sought.thorough else self.rivals.reserved_fits
+        clock = StageClock()
         for attempt in attempts:
-            if not self.fitter.has_room_for(1 + reserved):
+            if not self.fitter.has_room_for(1 + self.rivals.reserved_fits):
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
