@@ -114,8 +114,9 @@ def test_a_facet_goes_on_in_the_other_half_of_its_face_and_where_it_hardly_bends
 def test_an_error_of_a_call_that_is_not_checked_is_raised_by_the_next_that_is() -> None:
     GL = gl.functions()
     GL.glEnable(0xFFFF)
-    with pytest.raises(GL.GLError, match="invalid enum"):
+    with pytest.raises(GL.GLError) as raised:
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+    assert raised.value.err == GL.GL_INVALID_ENUM  # its text is GLU's, which a bare machine has not
     GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
 
 
