@@ -128,6 +128,25 @@ def test_at_slow_rates_no_frame_is_believed_one_box_beside_its_place(row, step_n
     assert found.count("ok") >= 4, found
 
 
+@pytest.mark.parametrize(("acceleration_m_s2", "step_s"), [(0.3, 0.5), (0.6, 0.5), (0.9, 0.4)])
+def test_a_camera_that_accelerates_along_a_long_row_is_never_believed_beside_its_place(acceleration_m_s2, step_s):
+    """The ends are out of view, and between two frames it may move by more than a pitch."""
+    count = 15
+    triangles = np.concatenate([BOX_TRIANGLES + 8 * k for k in range(count)])
+    row = Structure.from_mesh(np.concatenate(row_corners(count)), triangles)
+    scene, rng = Scene(row_corners(count), seed=2), np.random.default_rng(3)
+    run, x, speed_m_s, found = None, -1.0, 0.0, []
+    for k in range(8):
+        pose = look_at(np.array([x, -0.9, 0.35]), (x + 0.03, 0.0, 0.12))
+        run = run or Robust(RobustConfig()).start(row, CAMERA, pose, np.random.default_rng(0))
+        result = run.track(scene.render(pose, noise_rng=rng), int(k * step_s * 1e9))
+        assert result.cam_from_world is None or pose_error(result.cam_from_world, pose)[0] < 0.05, (k, found)
+        found.append(result.status)
+        speed_m_s = min(speed_m_s + acceleration_m_s2 * step_s, 0.9)
+        x += speed_m_s * step_s
+    assert found.count("ok") >= 2, found
+
+
 @pytest.mark.parametrize("away_m", [0.6, 0.8])
 @pytest.mark.parametrize("step_m", [0.25, 0.3])
 def test_after_a_jump_of_about_a_pitch_it_is_not_sure_of_the_place_that_looks_alike(row, away_m, step_m):

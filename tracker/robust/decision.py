@@ -13,7 +13,7 @@ from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_cov
 from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.doubts import Doubts
-from uavbench.tracker.robust.relocalization.ranking import Sought
+from uavbench.tracker.robust.relocalization.ranking import Contender, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -21,6 +21,8 @@ from uavbench.trajectories.pose import Pose
 
 SEARCH_EVERY = 8
 """Frames between searches that find nothing better, while support is sufficient: limits their time."""
+MOST_GUESSES = 3
+"""Hypotheses around whose predictions a pose is searched: limits the time that each of them takes."""
 
 
 class Decision(NamedTuple):
@@ -29,6 +31,7 @@ class Decision(NamedTuple):
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
     well. searched: the fit is that of a pose search. doubted: a settled pose that is not told apart yet from those
     around it. leads: in this frame and the last one that was searched, an unsettled fit leads those at likely poses.
+    contenders: the fits that may be right, where it is not settled.
     """
 
     fit: Fit
@@ -37,6 +40,7 @@ class Decision(NamedTuple):
     searched: bool = False
     doubted: bool = False
     leads: bool = False
+    contenders: tuple[Contender, ...] = ()
 
 
 class Before(NamedTuple):
@@ -77,7 +81,8 @@ class Decider:
         if anew is not None:
             fit, settled = anew, True
         if not settled or self.doubts.settled:
-            return Decision(fit, settled, found.rivalled)
+            others = found.contenders if fit is found.fit else ()
+            return Decision(fit, settled, found.rivalled, contenders=others or (Contender(fit),))
         fit = self.doubted(frame, fit, clock)
         self.before = None if self.doubts.settled else self.before
         return Decision(fit, True, doubted=not self.doubts.settled)
@@ -189,11 +194,10 @@ class Decider:
             return Decision(fit, True)
         with clock.stage("relocalize"):
             guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
-            scale = self.state.prediction_errors.scale
             found = self.relocator.confirm(
-                Sought(frame.image, [guess], covariance, self.state.range_m, fit, prediction_scale=scale)
+                Sought(frame.image, [guess], covariance, self.state.range_m, fit, likely=frame.likely)
             )
-        return Decision(found.fit, found.leads, not found.leads)
+        return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
         """Whether a fit's support is so low that a pose search is required."""
@@ -205,8 +209,11 @@ class Decider:
         return slow or due or not fit.support >= loss.min_support
 
     def recalled(self, frame: Frame, fit: Fit) -> list[Pose]:
-        """Likely poses of a frame that the prediction does not explain, by what the run has seen before."""
-        if self.state.is_first or fit.support >= self.config.loss.min_support:
+        """Likely poses of a frame that the prediction does not explain, by what the run has seen before.
+
+        None right after a frame that left hypotheses, whose comparison needs the budget.
+        """
+        if self.state.is_first or fit.support >= self.config.loss.min_support or frame.follows_hypotheses:
             return []
         return self.places.recalled(frame.image, self.fitter.work, self.fitter.cost(1))
 
@@ -220,16 +227,16 @@ class Decider:
         if self.state.is_first or not self.doubts.settled:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
-        guesses = [predicted] if first else [predicted, self.state.motion.cam_from_world]
+        others = [each.predicted.cam_from_world for each in frame.likely[1:MOST_GUESSES]]
+        guesses = [predicted] if first else [predicted, *others, self.state.motion.cam_from_world]
         if frame.step_s >= self.config.slow_s:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
-        scale = self.state.prediction_errors.scale
         recalled, work = self.recalled(frame, fit), self.fitter.work
         reserve = self.fitter.cost(1) if self.led else 0  # for a fit where the run may begin again
         work.allowed -= reserve
         found = self.relocator.search(
-            Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale, slow, recalled)
+            Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, slow, recalled, frame.likely)
         )
         work.allowed += reserve
         given = first and self.is_as_given(fit)
@@ -240,7 +247,9 @@ class Decider:
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
-        settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))
+        # Where a pose is known well, the poses that are compared with it are few.
+        compared = found.near_done or (slow and not first and found.leads and found.expected)
+        settled = not rivalled and (is_sure or found.all_done or (compared and enough))
         if settled or found.all_done:
             self.relocator.forget()
         holds = given if first else fit.support >= loss.min_support
@@ -250,8 +259,9 @@ class Decider:
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
         if settled or (tracked and holds) or there:
             return Decision(fit, True, searched=unvouched)
+        rivalled = rivalled or (enough and found.rivalled)
         if first or not found.near_done:
-            return Decision(found.fit, False, rivalled)
+            return Decision(found.fit, False, rivalled, contenders=found.contenders)
         leads = found.leads and self.state.may_begin_at(found.fit)
         led, self.led = self.led, leads
-        return Decision(found.fit, False, rivalled, leads=led and leads)
+        return Decision(found.fit, False, rivalled, leads=led and leads, contenders=found.contenders)

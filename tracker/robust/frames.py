@@ -11,6 +11,7 @@ from uavbench.tracker.robust.motion_model import Motion
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
 from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio, compensated
+from uavbench.tracker.robust.relocalization.ranking import Likely
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array
@@ -34,7 +35,8 @@ class Frame(NamedTuple):
     """An image before and after preprocessing, and the predicted motion.
 
     dt_s: time since the last frame that was ok; step_s: time since the last frame; extrapolated_s: part of dt_s over
-    which the prediction is the motion model's extrapolation; before: the photometry that this frame found.
+    which the prediction is the motion model's extrapolation; before: the photometry that this frame found; likely: the
+    predictions under all hypotheses; follows_hypotheses: whether these are of the frame before.
     """
 
     raw: Image
@@ -44,6 +46,8 @@ class Frame(NamedTuple):
     step_s: float
     extrapolated_s: float
     before: Photometry
+    likely: tuple[Likely, ...]
+    follows_hypotheses: bool
 
 
 class FittedFrame(NamedTuple):
@@ -93,8 +97,11 @@ class Frames:
         with clock.stage("predict"):
             predicted = state.predicted(dt_s, stamp_ns)
             if expected is not None and expected.spread_m(state.range_m) < predicted.spread_m(state.range_m):
-                return Frame(raw, image, expected, dt_s, self.step_s, 0.0, self.photometry)
-        return Frame(raw, image, predicted, dt_s, self.step_s, dt_s, self.photometry)
+                only = (Likely(expected),)
+                return Frame(raw, image, expected, dt_s, self.step_s, 0.0, self.photometry, only, False)
+            likely = state.likely(predicted, stamp_ns)
+            fresh = bool(state.hypotheses) and stamp_ns - state.hypotheses[0].stamp_ns <= round(self.step_s * 1e9)
+        return Frame(raw, image, predicted, dt_s, self.step_s, dt_s, self.photometry, likely, fresh)
 
     def compensated(self, frame: Frame, fit: Fit, clock: StageClock) -> FittedFrame:
         """Fit and frame after gain-offset compensation of the learned colours, if that increases the support."""

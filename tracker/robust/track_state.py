@@ -1,24 +1,30 @@
 """State of a run of `robust` after its frames so far, and the support required of the next one."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
 from uavbench.tracker.robust.pose_fit import Fit
-from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 
 SURE = -3.0
 """Logarithm of the number of false alarms of edges of which half are found that a track goes on with."""
 
 
-class Tentative(NamedTuple):
-    """The motion under the hypothesis of an undecided frame's best fit, and that frame's stamp."""
+class Hypothesis(NamedTuple):
+    """The motion if a fit of an undecided frame is right, that frame's stamp, and its worth relative to the best fit.
+
+    errors: of the predictions that led to it.
+    """
 
     motion: Motion
     stamp_ns: int
+    worth: float
+    errors: PredictionErrors
 
 
 @dataclass
@@ -32,7 +38,7 @@ class TrackState:
     usual_support: float = 0.0
     frames_ok: int = 0
     is_lost: bool = False
-    tentative: Tentative | None = None
+    hypotheses: tuple[Hypothesis, ...] = ()
     prediction_errors: PredictionErrors = field(default_factory=PredictionErrors)
 
     @property
@@ -43,11 +49,18 @@ class TrackState:
     def predicted(self, dt_s: float, stamp_ns: int) -> Motion:
         """The motion model's prediction for a frame, dt_s after the last one that was ok."""
         predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
-        if self.tentative is None:
+        if not self.hypotheses:
             return predicted
-        since_s = (stamp_ns - self.tentative.stamp_ns) * 1e-9
-        likely = self.tentative.motion.predict(since_s, self.range_m, self.config.motion)
-        return replace(predicted, cam_from_world=likely.cam_from_world)  # likelier, but not more certain
+        likely = self.likely(predicted, stamp_ns)[0].predicted.cam_from_world
+        return replace(predicted, cam_from_world=likely)  # likelier, but not more certain
+
+    def likely(self, predicted: Motion, stamp_ns: int) -> tuple[Likely, ...]:
+        """The predictions under the hypotheses that were kept, the likeliest first; a given prediction without any."""
+        found = []
+        for motion, since_ns, worth, errors in self.hypotheses:
+            moved = motion.predict((stamp_ns - since_ns) * 1e-9, self.range_m, self.config.motion)
+            found.append(Likely(moved, worth, errors.scale))
+        return tuple(found) or (Likely(predicted, scale=self.prediction_errors.scale),)
 
     def usual_or_good(self) -> float:
         """The larger of a good support and a part of the usual one."""
@@ -91,10 +104,26 @@ class TrackState:
             return True
         return not self.is_lost and log10_nfa < loss.log10_false_alarms
 
-    def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:
-        """Predict from an undecided frame's fit, if its support is that of a correct pose."""
-        if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
-            self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
+    def suppose(self, contenders: Sequence[Contender], likely: Sequence[Likely], dt_s: float, stamp_ns: int) -> None:
+        """Keep the fits of an undecided frame as hypotheses, if the support of the best is that of a correct pose.
+
+        likely: the predictions that they follow; dt_s: time since the last frame that was ok.
+        """
+        rate = self.config.edges.appearance.learning_rate
+        least = max(self.config.loss.min_support, self.config.loss.far_part * self.usual_support)
+        sound = [each for each in contenders if each.fit.finite and each.fit.support >= least]
+        if self.is_first or not sound or sound[0] is not contenders[0]:
+            return
+        before = self.hypotheses or (
+            Hypothesis(self.motion, stamp_ns - round(dt_s * 1e9), 0.0, self.prediction_errors),
+        )
+        found = []
+        for fit, worth, follows in sound:
+            motion, since_ns, _, errors = before[follows]
+            moved = motion.update(fit.cam_from_world, fit.covariance, (stamp_ns - since_ns) * 1e-9)
+            errors = errors.updated(likely[follows].predicted, fit.cam_from_world, rate)
+            found.append(Hypothesis(moved, stamp_ns, worth - sound[0].worth, errors))
+        self.hypotheses = tuple(found)
 
     def return_to(self, before: "TrackState") -> None:
         """Return to an earlier state."""
@@ -103,7 +132,7 @@ class TrackState:
 
     def begin_again(self, motion: Motion, range_m: float) -> None:
         """Begin again at a pose, as if no frame had been ok before."""
-        self.motion, self.range_m, self.tentative = motion, range_m, None
+        self.motion, self.range_m, self.hypotheses = motion, range_m, ()
         self.ok_ns, self.usual_support, self.frames_ok = None, 0.0, 0
         self.prediction_errors = PredictionErrors()
 
@@ -114,7 +143,7 @@ class TrackState:
             dt_s = 0.0  # there is no pose before it that would tell a velocity
         else:
             self.prediction_errors = self.prediction_errors.updated(predicted, fit.cam_from_world, rate)
-        self.motion, self.tentative = self.motion.update(fit.cam_from_world, fit.covariance, dt_s), None
+        self.motion, self.hypotheses = self.motion.update(fit.cam_from_world, fit.covariance, dt_s), ()
         # The first frame says little about the next ones, since the appearance of its edges is not known yet.
         self.usual_support += max(rate, 1 / max(1, self.frames_ok)) * (fit.support - self.usual_support)
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1

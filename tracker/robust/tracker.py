@@ -81,7 +81,7 @@ class RobustRun:
         fit, frame = self.frames.compensated(frame, fit, clock)
         decision = self.decider.decide(frame, fit, clock)
         if not decision.settled:
-            self.state.suppose(decision.fit, frame.dt_s, stamp_ns)
+            self.state.suppose(decision.contenders, frame.likely, frame.dt_s, stamp_ns)
             self.frames.restore(frame.before)
             self.frames.restore(self.decider.give_up_doubted(frame.before))
             return undecided(decision, frame, clock)

@@ -1,5 +1,6 @@
 """The fits of one frame, the best one first."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -7,10 +8,13 @@ import numpy as np
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_search import Candidate
 from uavbench.trajectories.pose import Array, Pose
 
+MOST_CONTENDERS = 7
+"""Hypotheses that are kept at a time: a pose and its nearest rivals."""
 UNKNOWNS = 6
 """Degrees of freedom of a pose, the expectation of its squared Mahalanobis distance."""
 
@@ -21,13 +25,42 @@ DOUBT = 0.3
 """Factor on the support of a fit that chance explains: less than any frame needs, in the order of such fits."""
 
 
+class Likely(NamedTuple):
+    """The predicted motion under one hypothesis of the run.
+
+    worth: its support in earlier frames, relative to the best hypothesis; scale: squared errors of its predictions
+    relative to their covariances.
+    """
+
+    predicted: Motion
+    worth: float = 0.0
+    scale: float = 1.0
+
+    def prior(self, pose: Pose, lead: float) -> float:
+        """Worth of a pose before its frame: that of the hypothesis, minus a cost; lead: the cost of a tenth.
+
+        The cost is the negative logarithm of a heavy-tailed prior (Student's t) around the prediction, with the width
+        of the run's prediction errors.
+        """
+        usual_chi2 = UNKNOWNS * self.scale
+        return self.worth - lead * math.log10(1.0 + self.predicted.squared_mahalanobis(pose) / usual_chi2)
+
+
+class Contender(NamedTuple):
+    """A fit that may be the right one: its worth, and the row of the likely pose of which it is the continuation."""
+
+    fit: Fit
+    worth: float = 0.0
+    follows: int = 0
+
+
 class Sought(NamedTuple):
     """Input of a slice of the search.
 
     guesses: poses around which to search, the most likely first, with its covariance (6, 6); first: a fit that was
     already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
-    prediction_scale: squared errors of this run's predictions relative to their covariances; recalled: likely poses by
-    what the run saw before.
+    recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
+    none for the first guess alone.
     """
 
     image: Image
@@ -36,9 +69,9 @@ class Sought(NamedTuple):
     range_m: float
     first: Fit | None = None
     sure: float = np.inf
-    prediction_scale: float = 1.0
     thorough: bool = False
     recalled: Sequence[Pose] = ()
+    likely: Sequence[Likely] = ()
 
 
 class Ranking:
@@ -46,9 +79,12 @@ class Ranking:
 
     def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
         self.config = config
-        self.from_guess = [pose.inverse() for pose in (sought.guesses[0], *sought.recalled)]
+        self.likely = sought.likely or [Likely(Motion(sought.guesses[0], sought.covariance))]
+        near = [*(each.predicted.cam_from_world for each in self.likely), *sought.recalled]
+        self.from_near = [pose.inverse() for pose in near]
+        self.fits: list[Fit] = []
+        self.range_m = sought.range_m
         self.information = np.linalg.inv(sought.covariance)
-        self.usual_chi2 = UNKNOWNS * sought.prediction_scale
         self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
         self.score = self.first = -np.inf
         if sought.first is not None and sought.first.finite:
@@ -61,8 +97,8 @@ class Ranking:
         return self.score - self.first
 
     def chi2(self, pose: Pose) -> float:
-        """Squared Mahalanobis distance of a pose from the most likely guess, or from a recalled pose that is nearer."""
-        away = np.array([(pose @ inverse).log() for inverse in self.from_guess])
+        """Squared Mahalanobis distance of a pose from the nearest likely or recalled one."""
+        away = np.array([(pose @ inverse).log() for inverse in self.from_near])
         return float(np.einsum("ki,ij,kj->k", away, self.information, away).min())
 
     def weighed(self, candidate: Candidate) -> Candidate:
@@ -74,6 +110,7 @@ class Ranking:
         """Rank one more fit."""
         if not fit.finite:
             return
+        self.fits.append(fit)
         found = self.config.found_support * float(np.log1p(fit.found))
         score = believed_support(fit) + found - self.config.sigma_cost * self.chi2(fit.cam_from_world)
         if score > self.score:
@@ -85,13 +122,47 @@ class Ranking:
             self.score = max(self.score, self.first + fit.support - self.top.support)
             self.top = fit
 
-    def worth(self, support: float, pose: Pose) -> float:
-        """Support of a fit minus the cost of its distance from the prediction.
+    def prior(self, pose: Pose) -> list[float]:
+        """Worth of a pose before this frame under each hypothesis."""
+        return [each.prior(pose, self.config.lead) for each in self.likely]
 
-        The cost is the negative logarithm of a heavy-tailed prior (Student's t), with the width of the run's prediction
-        errors.
-        """
-        return support - self.config.lead * float(np.log10(1 + self.chi2(pose) / self.usual_chi2))
+    def worth(self, support: float, pose: Pose) -> float:
+        """Support at a pose, and its worth before this frame under the likeliest hypothesis."""
+        return support + max(self.prior(pose))
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether the best fit is as near to the best hypothesis' prediction as this run's poses usually are."""
+        usual = self.config.lead * math.log10(1.0 + FAR_CHI2 / UNKNOWNS)
+        return self.likely[0].worth - self.likely[0].prior(self.top.cam_from_world, self.config.lead) < usual
+
+    @property
+    def required_lead(self) -> float:
+        """Lead in worth of the right pose: larger where the run has several hypotheses, whose frames look alike."""
+        return self.config.lead if len(self.likely) > 1 else self.config.lead_of_rivals
+
+    def contenders(self) -> tuple[Contender, ...]:
+        """The fits that may be right, the best first; of those that end at about the same pose only one."""
+        least, found = self.top.support - self.config.lead, list[Contender]()
+        for fit in self.fits:
+            if fit.support > least:
+                prior = self.prior(fit.cam_from_world)
+                found.append(Contender(fit, fit.support + max(prior), prior.index(max(prior))))
+        found.sort(key=lambda each: -each.worth)
+        kept: list[Contender] = []
+        for each in found:
+            if each.worth > found[0].worth - self.config.lead and not any(
+                ends_at(each.fit, other.fit, self.config.found_sigma, self.range_m) for other in kept
+            ):
+                kept.append(each)
+        return tuple(kept[:MOST_CONTENDERS])
+
+
+def ends_at(fit: Fit, other: Fit, sigma: float, range_m: float) -> bool:
+    """Whether two fits end at the same pose, within a standard deviation sigma, relative to the range and in rad."""
+    apart = (fit.cam_from_world @ other.cam_from_world.inverse()).log() / sigma
+    apart[:3] /= range_m
+    return float(apart @ apart) < 1.0
 
 
 def believed_support(fit: Fit) -> float:

@@ -27,7 +27,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
     grid,
 )
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target
-from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
+from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
@@ -56,7 +56,8 @@ class Relocalized(NamedTuple):
 
     advantage: over the given fit, inf without one. near_done: all likely poses were fitted since the search began;
     all_done: all poses were. leads: it has clearly more support than the fits that converged to other poses, near ones
-    among them.
+    among them. rivalled: it has rivals that it does not lead. expected: it is near the prediction. contenders: the fits
+    that may be right.
     """
 
     fit: Fit
@@ -64,6 +65,16 @@ class Relocalized(NamedTuple):
     near_done: bool
     all_done: bool
     leads: bool
+    rivalled: bool
+    expected: bool
+    contenders: tuple[Contender, ...]
+
+
+class Done(NamedTuple):
+    """Progress of a search: whether all likely poses were fitted since it began, and whether all poses were."""
+
+    near: bool
+    all: bool
 
 
 class Attempt(NamedTuple):
@@ -128,15 +139,25 @@ class Relocator:
             work.done += DISTANCES
             candidates = self.score(target, guesses, ranking, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
-        compared = self.rivals.fit(sought, ranking, self.tried) and ranking.top.support >= sought.sure
-        leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
+        compared = self.rivals.fit(sought, ranking, self.tried)
+        usual = ranking.top.support >= sought.sure or (sought.thorough and ranking.is_expected)
+        leads = (
+            self.rivals.trail(ranking, self.tried) if compared.any and usual else self.lead(ranking.top) >= config.lead
+        )
+        leads = leads and self.rivals.trail_left(ranking, compared)
         if ranking.top is not sought.first:  # compared before the fits beside it, so that each place counts once
             leads = self.turned.agree(sought, ranking, self.tried) and leads
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
-        return Relocalized(self.located(ranking.top, sought), ranking.advantage, self.near_done, all_done, leads)
+        done = Done(self.near_done, all_done)
+        return self.relocalized(ranking, sought, done, leads, rivalled=compared.any and not leads)
+
+    def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
+        """The outcome of a slice."""
+        fit, contenders = self.located(ranking.top, sought), () if leads else ranking.contenders()
+        return Relocalized(fit, ranking.advantage, *done, leads, rivalled, ranking.is_expected, contenders)
 
     def located(self, fit: Fit, sought: Sought) -> Fit:
         """The fit, with its edges located between the pixels if it is one of the search."""
@@ -146,20 +167,20 @@ class Relocator:
         """Compare the given fit with its rivals, the poses at which the structure looks alike."""
         self.forget()
         ranking = Ranking(sought, self.config)
-        self.rivals.fit(sought, ranking, self.tried)
-        leads = self.rivals.trail(ranking, self.tried) and self.turned.agree(sought, ranking, self.tried)
-        found = Relocalized(self.located(ranking.top, sought), ranking.advantage, True, True, leads)
+        compared = self.rivals.fit(sought, ranking, self.tried)
+        leads = self.rivals.trail_left(ranking, compared) and self.rivals.trail(ranking, self.tried)
+        leads = leads and self.turned.agree(sought, ranking, self.tried)
         self.forget()
-        return found
+        return self.relocalized(ranking, sought, Done(True, True), leads, rivalled=not leads)
 
     def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: Ranking) -> bool:
         """Fit poses until one has enough support or the budget is spent; returns whether poses are left.
 
-        Budget is reserved for as many fits of rivals as were made the last time.
+        Room is left for the rivals of the best fit.
         """
         clock = StageClock()
         for attempt in attempts:
-            if not self.fitter.has_room_for(1 + self.rivals.reserved_fits):
+            if not self.fitter.has_room_for(1 + self.rivals.awaited(ranking, self.tried)):
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)

@@ -1,4 +1,10 @@
-"""Rivals of a fit: poses at which the structure looks alike, which are fitted and compared with it."""
+"""Rivals of a fit: poses at which the structure looks alike, which are fitted and compared with it.
+
+They are few, and known beforehand, so that their whole support counts, unlike that of poses among a million tried.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +15,7 @@ from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
-from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Ranking, Sought
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
@@ -28,44 +34,70 @@ of freedom.
 """
 
 
+class Compared(NamedTuple):
+    """Whether the best fit has any rivals; left: those without room to be fitted, as their fits are taken to be."""
+
+    any: bool = False
+    left: tuple[Fit, ...] = ()
+
+
 class Rivals:
-    """Finds and fits the rivals of fits; stores how many fits were made the last time."""
+    """Finds and fits the rivals of fits."""
 
     def __init__(self, fitter: EdgeFitter, searcher: PoseSearch, config: RelocalizationConfig) -> None:
         self.fitter, self.searcher, self.config = fitter, searcher, config
         self.similarity = SelfSimilarity(fitter.edges)
-        self.reserved_fits = 0
+        self.found_of: Fit | None = None
+        self.found: list[RigidMotion] = []
 
-    def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> bool:
-        """Fit the rivals of the best fit, and recursively those of a better rival; returns whether there were any."""
-        clock, fits = StageClock(), [ranking.top]
+    def awaited(self, ranking: Ranking, tried: TriedPoses) -> int:
+        """Number of rivals of the best fit so far, for which a search leaves room."""
+        return len(self.of(ranking, tried)) if ranking.top.support >= self.fitter.config.loss.min_support else 0
+
+    def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> Compared:
+        """Fit the rivals of the best fit, and recursively those of a better rival.
+
+        Those without room are taken for as good as the best that were fitted, or, if these were fewer than half, as the
+        fit that they look like.
+        """
+        clock, fits, compared = StageClock(), [ranking.top], Compared()
         while rivals := self.of(ranking, tried):
-            top = ranking.top
+            top, made = ranking.top, list[Fit]()
             for pose in rivals:
                 if not self.fitter.has_room_for(1):
                     break
                 covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
                 fit = self.fitter.searched(sought.image, Pose(*pose), covariance, clock, self.searcher.half_px)
-                tried.add(pose, 0.0, motion(fit.cam_from_world), believed_support(fit))
+                tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
                 tried.rivals = tried.rivals.added(pose)
-                fits += [fit] if fit.finite else []
+                made.append(fit)
+            fits += [fit for fit in made if fit.finite]
+            most = max(fit.support for fit in made) if 2 * len(made) >= len(rivals) else top.support
+            left = [replace(top, cam_from_world=Pose(*pose), support=most) for pose in rivals[len(made) :]]
+            ranking.fits += [*(fit for fit in made if fit.finite), *left]
+            compared = Compared(True, tuple(left))
             self.choose(fits, ranking)
-            if ranking.top is top or not self.fitter.has_room_for(1):
+            if ranking.top is top or left:
                 break
-        self.reserved_fits = len(fits) - 1
-        return len(fits) > 1
+        return compared
 
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
         """Rank the fit of highest worth first; among those of about equal worth, the one nearest to the prediction."""
-        worth = [ranking.worth(believed_support(fit), fit.cam_from_world) for fit in fits]
+        worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
         least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
 
     def of(self, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
         """Untried poses at which the structure looks as at the best fit, most likely first."""
+        if self.found_of is not ranking.top:
+            self.found_of, self.found = ranking.top, self.looking_like(ranking, tried)
+        return [pose for pose in self.found if not tried.within_reach(pose, tried.rivals).any()]
+
+    def looking_like(self, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
+        """Poses at which the structure looks as at the best fit and which may be the right one, most likely first."""
         fit, config = ranking.top, self.config.similarity
-        if not (fit.finite and fit.support >= self.fitter.config.loss.min_support):
+        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES) >= 0.0:
             return []
         pose = motion(fit.cam_from_world)
         seen = self.searcher.seen(pose)
@@ -78,16 +110,23 @@ class Rivals:
         chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
         found: list[RigidMotion] = []
         known = tried.rivals.added(pose)
+        least = ranking.worth(fit.support, fit.cam_from_world) - ranking.required_lead
         for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= RIVAL_CHI2)]:
-            if len(found) < RIVALS and not tried.within_reach(places[k], known).any():
+            possible = len(found) < RIVALS and ranking.worth(1.0, Pose(*places[k])) > least
+            if possible and not tried.within_reach(places[k], known).any():
                 found.append(places[k])
                 known = known.added(places[k])
         return found
 
+    def trail_left(self, ranking: Ranking, compared: Compared) -> bool:
+        """Whether the best fit has clearly more worth than the rivals that were left are taken to have."""
+        least = ranking.worth(ranking.top.support, ranking.top.cam_from_world) - ranking.required_lead
+        return all(ranking.worth(fit.support, fit.cam_from_world) <= least for fit in compared.left)
+
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
         """Whether the best fit has clearly more worth than those that converged to other poses in this search."""
         top, reached = ranking.top, tried.reached
-        least = ranking.worth(believed_support(top), top.cam_from_world) - self.config.lead_of_rivals
+        least = ranking.worth(top.support, top.cam_from_world) - ranking.required_lead
         others = ~tried.within_reach(motion(top.cam_from_world), reached) & (tried.supports > least)
         poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
         return not any(ranking.worth(tried.supports[k], pose) > least for k, pose in poses)

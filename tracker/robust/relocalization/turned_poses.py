@@ -16,7 +16,7 @@ from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about
-from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support, ends_at
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
@@ -63,6 +63,4 @@ class TurnedPoses:
 
     def ends_at(self, fit: Fit, other: Fit, range_m: float) -> bool:
         """Whether two fits end at the same pose, within the standard deviation of one that a search found."""
-        apart = (fit.cam_from_world @ other.cam_from_world.inverse()).log() / self.config.found_sigma
-        apart[:3] /= range_m
-        return float(apart @ apart) < 1.0
+        return ends_at(fit, other, self.config.found_sigma, range_m)
