@@ -243,6 +243,17 @@ def test_work_is_within_what_is_allowed_and_little_work_is_spent_in_every_second
         assert pose_error(found[4][0], seen_from(42)).distance_m < 0.05
 
 
+def test_with_little_work_each_likely_place_has_its_turn_not_only_the_last(scene):
+    """Of a structure that comes back into view elsewhere the last place shows another side."""
+    known = places()
+    for degrees in (20, 110, 200):
+        known.add(grey_of(scene, seen_from(degrees)), seen_from(degrees), 1.2)
+    there = turned(seen_from(20), 0, 12, 0)
+    found = [known.recalled(grey_of(scene, there), Work(6_000_000), 1_000_000) for _ in range(16)]
+    right = [any(pose_error(pose, there).distance_m < 0.02 for pose in poses) for poses in found]
+    assert any(right), right
+
+
 def test_small_images_do_not_tell_exposure_and_a_blank_one_tells_nothing(scene):
     image = grey_of(scene, seen_from(30))
     darker = (image * 0.5 + 20).astype(np.uint8)

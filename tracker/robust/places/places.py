@@ -55,7 +55,7 @@ class Places:
         self.places: list[Place] = []
         self.poses = NONE
         self.last: Place | None = None
-        self.apart, self.waited = self.step, False
+        self.apart, self.waited, self.turn = self.step, False, 0
 
     def add(self, image: Image, pose: Pose, range_m: float) -> None:
         """Add a place with its image (h, w) or (h, w, c), unless there is one near it; fewer are kept of too many."""
@@ -94,10 +94,15 @@ class Places:
         correlation = np.array([place.small for place in self.places]) @ small_image(image)
         likely = [self.places[k] for k in np.argsort(-correlation, kind="stable")]
         tried = [last, *(place for place in likely if place is not last)][:MOST_TRIED]
+        turn = self.turn % len(tried)
+        tried = tried[turn:] + tried[:turn]
         return [*self.by_landmarks(image, tried, work, work.done + allowed), likely[0].pose]
 
     def by_landmarks(self, image: Image, places: list[Place], work: Work, until: int) -> list[Pose]:
-        """The pose of a grey image (h, w) by as many landmarks of some places as the work allows."""
+        """The pose of a grey image (h, w) by as many landmarks of some places as the work allows.
+
+        The next image begins with the place after the first that was matched, so that in the end each is.
+        """
         matches: list[Matches] = []
         starts, features = [], None
         for place in places:
@@ -115,6 +120,7 @@ class Places:
             work.done += recall_evaluations(len(some.points))
             matches.append(matched(some, features, self.camera))
             starts.append(motion(place.pose))
+        self.turn += 1 if matches else 0
         if sum(len(each.ratio) for each in matches) < LEAST_AGREEING:
             return []
         points, seen, _ = clearest_first(matches)
