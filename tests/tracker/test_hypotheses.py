@@ -11,6 +11,7 @@ from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, l
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.false_alarms import Chance
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.ranking import UNKNOWNS, Contender, Likely, Sought
@@ -30,8 +31,9 @@ def at(x_m):
     return Pose.exp(np.array([x_m, 0.0, RANGE_M, 0.0, 0.0, 0.0]))
 
 
-def fit(x_m, support):
-    return Fit(at(x_m), isotropic_covariance(0.001, RANGE_M), support, 50, 50, 50, RANGE_M)
+def fit(x_m, support, log10_chance=-20.0):
+    covariance, chance = isotropic_covariance(0.001, RANGE_M), Chance(log10_chance, log10_chance)
+    return Fit(at(x_m), covariance, support, 50, 50, 50, RANGE_M, chance=chance)
 
 
 def tracked(speed_m_s):
@@ -81,12 +83,12 @@ def test_predictions_of_a_hypothesis_that_jumped_are_believed_less_than_those_of
     assert steady.scale < 0.5 * jumping.scale
 
 
-@pytest.mark.parametrize("unsound", [0.4, float("nan")])
-def test_a_frame_whose_best_fit_is_too_weak_leaves_the_hypotheses_as_they_are(unsound):
+@pytest.mark.parametrize("unsound", [(0.4, -20.0), (float("nan"), -20.0), (0.9, -5.0)])
+def test_a_frame_whose_best_fit_is_weak_or_by_chance_leaves_the_hypotheses_as_they_are(unsound):
     state = tracked(speed_m_s=0.2)
     before = followed(state, [[(0.1, 0.7, 0.7, 0), (0.4, 0.7, 0.68, 0)]])
     kept = state.hypotheses
-    weak = [Contender(fit(0.9, unsound), 0.4), Contender(fit(5.0, 0.7), 0.3)]
+    weak = [Contender(fit(0.9, *unsound), 0.9), Contender(fit(5.0, 0.7), 0.3)]
     state.suppose(weak, state.likely(state.motion, 2 * STEP_NS), 1.0, 2 * STEP_NS)
     assert state.hypotheses is kept
     assert before == pytest.approx([0.1, 0.4])

@@ -111,7 +111,7 @@ class TrackState:
         """
         rate = self.config.edges.appearance.learning_rate
         least = max(self.config.loss.min_support, self.config.loss.far_part * self.usual_support)
-        sound = [each for each in contenders if each.fit.finite and each.fit.support >= least]
+        sound = [each for each in contenders if self.is_sound(each.fit, least)]
         if self.is_first or not sound or sound[0] is not contenders[0]:
             return
         before = self.hypotheses or (
@@ -124,6 +124,10 @@ class TrackState:
             errors = errors.updated(likely[follows].predicted, fit.cam_from_world, rate)
             found.append(Hypothesis(moved, stamp_ns, worth - sound[0].worth, errors))
         self.hypotheses = tuple(found)
+
+    def is_sound(self, fit: Fit, least: float) -> bool:
+        """Whether a fit has a least support that chance does not explain."""
+        return fit.finite and fit.support >= least and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
 
     def return_to(self, before: "TrackState") -> None:
         """Return to an earlier state."""
