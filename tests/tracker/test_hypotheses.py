@@ -130,9 +130,8 @@ def test_a_rival_that_was_not_fitted_is_no_proof_that_there_is_none(lattice, sca
     if not room:
         fitter.work.done = fitter.work.allowed
     predicted = Motion(first.cam_from_world, isotropic_covariance(0.2, 0.9))
-    sought = Sought(
-        image, [first.cam_from_world], predicted.covariance, 0.9, first, likely=[Likely(predicted, 0.0, scale)]
-    )
+    likely = [Likely(predicted, 0.0, scale)]
+    sought = Sought(image, [first.cam_from_world], predicted.covariance, 0.9, first, thorough=True, likely=likely)
     found = Relocator(fitter, CAMERA).confirm(sought)
     assert found.leads == leads
     if not leads:

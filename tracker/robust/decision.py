@@ -195,7 +195,7 @@ class Decider:
         with clock.stage("relocalize"):
             guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
             found = self.relocator.confirm(
-                Sought(frame.image, [guess], covariance, self.state.range_m, fit, likely=frame.likely)
+                Sought(frame.image, [guess], covariance, self.state.range_m, fit, thorough=True, likely=frame.likely)
             )
         return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 

@@ -180,7 +180,7 @@ class Relocator:
         """
         clock = StageClock()
         for attempt in attempts:
-            if not self.fitter.has_room_for(1 + self.rivals.awaited(ranking, self.tried)):
+            if not self.fitter.has_room_for(1 + self.rivals.awaited(sought, ranking, self.tried)):
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)

@@ -49,19 +49,30 @@ class Rivals:
         self.similarity = SelfSimilarity(fitter.edges)
         self.found_of: Fit | None = None
         self.found: list[RigidMotion] = []
+        self.made = 0
 
-    def awaited(self, ranking: Ranking, tried: TriedPoses) -> int:
-        """Number of rivals of the best fit so far, for which a search leaves room."""
-        return len(self.of(ranking, tried)) if ranking.top.support >= self.fitter.config.loss.min_support else 0
+    @property
+    def min_support(self) -> float:
+        """Least support of a fit that has rivals, whatever chance may do."""
+        return self.fitter.config.loss.min_support
+
+    def awaited(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> int:
+        """Number of rivals for which a search leaves room.
+
+        Those of the best fit so far in a thorough search; otherwise as many as were fitted the last time.
+        """
+        if not sought.thorough:
+            return self.made
+        return len(self.of(sought, ranking, tried)) if ranking.top.support >= self.min_support else 0
 
     def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> Compared:
         """Fit the rivals of the best fit, and recursively those of a better rival.
 
-        Those without room are taken for as good as the best that were fitted, or, if these were fewer than half, as the
-        fit that they look like.
+        In a thorough search those without room are taken for as good as the best that were fitted, or, if these were
+        fewer than half, as the fit that they look like.
         """
         clock, fits, compared = StageClock(), [ranking.top], Compared()
-        while rivals := self.of(ranking, tried):
+        while rivals := self.of(sought, ranking, tried):
             top, made = ranking.top, list[Fit]()
             for pose in rivals:
                 if not self.fitter.has_room_for(1):
@@ -74,11 +85,13 @@ class Rivals:
             fits += [fit for fit in made if fit.finite]
             most = max(fit.support for fit in made) if 2 * len(made) >= len(rivals) else top.support
             left = [replace(top, cam_from_world=Pose(*pose), support=most) for pose in rivals[len(made) :]]
+            left = left if sought.thorough else []
             ranking.fits += [*(fit for fit in made if fit.finite), *left]
-            compared = Compared(True, tuple(left))
+            compared = Compared(compared.any or bool(made or left), tuple(left))
             self.choose(fits, ranking)
-            if ranking.top is top or left:
+            if ranking.top is top or not self.fitter.has_room_for(1):
                 break
+        self.made = len(fits) - 1
         return compared
 
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
@@ -88,17 +101,19 @@ class Rivals:
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
 
-    def of(self, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
+    def of(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
         """Untried poses at which the structure looks as at the best fit, most likely first."""
-        if self.found_of is not ranking.top:
-            self.found_of, self.found = ranking.top, self.looking_like(ranking, tried)
+        fit = ranking.top
+        unlikely = fit.log10_false_alarms(SEARCHED_POSES) >= 0.0 if sought.thorough else fit.support < self.min_support
+        if not fit.finite or unlikely:
+            return []
+        if self.found_of is not fit:
+            self.found_of, self.found = fit, self.looking_like(ranking, tried)
         return [pose for pose in self.found if not tried.within_reach(pose, tried.rivals).any()]
 
     def looking_like(self, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
         """Poses at which the structure looks as at the best fit and which may be the right one, most likely first."""
         fit, config = ranking.top, self.config.similarity
-        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES) >= 0.0:
-            return []
         pose = motion(fit.cam_from_world)
         seen = self.searcher.seen(pose)
         tried.seen = seen.points
