@@ -137,9 +137,13 @@ class Ranking:
         return self.likely[0].worth - self.likely[0].prior(self.top.cam_from_world, self.config.lead) < usual
 
     @property
-    def required_lead(self) -> float:
-        """Lead in worth of the right pose: larger where the run has several hypotheses, whose frames look alike."""
-        return self.config.lead if len(self.likely) > 1 else self.config.lead_of_rivals
+    def outdone(self) -> float:
+        """Worth up to which the best fit clearly leads another pose.
+
+        The lead is larger where the run has several hypotheses, whose frames look alike.
+        """
+        lead = self.config.lead if len(self.likely) > 1 else self.config.lead_of_rivals
+        return self.worth(self.top.support, self.top.cam_from_world) - lead
 
     def contenders(self) -> tuple[Contender, ...]:
         """The fits that may be right, the best first; of those that end at about the same pose only one."""

@@ -125,7 +125,7 @@ class Rivals:
         chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
         found: list[RigidMotion] = []
         known = tried.rivals.added(pose)
-        least = ranking.worth(fit.support, fit.cam_from_world) - ranking.required_lead
+        least = ranking.outdone
         for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= RIVAL_CHI2)]:
             possible = len(found) < RIVALS and ranking.worth(1.0, Pose(*places[k])) > least
             if possible and not tried.within_reach(places[k], known).any():
@@ -135,13 +135,12 @@ class Rivals:
 
     def trail_left(self, ranking: Ranking, compared: Compared) -> bool:
         """Whether the best fit has clearly more worth than the rivals that were left are taken to have."""
-        least = ranking.worth(ranking.top.support, ranking.top.cam_from_world) - ranking.required_lead
+        least = ranking.outdone
         return all(ranking.worth(fit.support, fit.cam_from_world) <= least for fit in compared.left)
 
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
         """Whether the best fit has clearly more worth than those that converged to other poses in this search."""
-        top, reached = ranking.top, tried.reached
-        least = ranking.worth(top.support, top.cam_from_world) - ranking.required_lead
-        others = ~tried.within_reach(motion(top.cam_from_world), reached) & (tried.supports > least)
+        reached, least = tried.reached, ranking.outdone
+        others = ~tried.within_reach(motion(ranking.top.cam_from_world), reached) & (tried.supports > least)
         poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
         return not any(ranking.worth(tried.supports[k], pose) > least for k, pose in poses)
