@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, FrameSums, adjoint, observability
+from uavbench.tracker.robust.solver.bias_kernels import observability
+from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
+from uavbench.tracker.robust.solver.twist_kernels import adjoint
 from uavbench.trajectories.pose import Pose
 
 EDGES, POINTS = 7, 12

@@ -44,7 +44,7 @@ from uavbench.tracker.robust.pose_fit import (
     Searched,
     Solution,
 )
-from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets
+from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine

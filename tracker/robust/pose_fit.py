@@ -12,7 +12,7 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.false_alarms import Chance
 from uavbench.tracker.robust.patches.matches import PatchMatches
-from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, FrameSums
+from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step, Weighting
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose

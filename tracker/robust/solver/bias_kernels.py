@@ -1,80 +1,25 @@
 """Compiled filter of the biases shared across frames: the pose error D of all patches (6), and one offset per edge (1).
 
-With D the pose error of the patches as a twist in the world and b the offset of an edge in px, a frame whose pose is
-determined by the patches observes the control points of that edge at J D + b. The information matrix is therefore an
-arrowhead matrix: each offset is correlated with D alone, and can be marginalized separately.
+See `bias_state`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import eliminate
-from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.tracker.robust.solver.bias_state import (
+    BIAS_STATE,
+    EDGE_OFFSETS,
+    FRAME_SUMS,
+    BiasState,
+    EdgeOffsets,
+    FrameSums,
+    LocalBiases,
+)
+from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence, product, transposed
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
-
-Indices = NDArray[np.int64]
-
-
-class FrameSums(NamedTuple):
-    """Normal equations of a frame, before the biases and the prior.
-
-    For each edge in view: offset_weight (g,) sum of weights, offset_jacobian (g, 6) of weight times Jacobian,
-    offset_residual (g,) of weight times residual. Over all control points: edge_information (6, 6), edge_vector (6,);
-    over the patches: patch_information (6, 6), patch_vector (6,).
-    """
-
-    offset_weight: Array
-    offset_jacobian: Array
-    offset_residual: Array
-    edge_information: Array
-    edge_vector: Array
-    patch_information: Array
-    patch_vector: Array
-
-
-class BiasState(NamedTuple):
-    """Information on D and on the offsets of all edges (e,).
-
-    information (6, 6) and vector (6,) on D; cross (e, 6) information between D and an offset; offset_information (e,)
-    and offset_vector (e,) on the offset itself, offset_prior (e,) its prior information.
-    """
-
-    information: Array
-    vector: Array
-    cross: Array
-    offset_information: Array
-    offset_vector: Array
-    offset_prior: Array
-
-    @classmethod
-    def unknown(cls, edges: int) -> "BiasState":
-        """Unit information on D, and none on the offsets of this many edges."""
-        offsets = np.zeros((edges, 6)), np.zeros(edges), np.zeros(edges), np.ones(edges)
-        return cls(np.eye(6), np.zeros(6), *offsets)
-
-
-class EdgeOffsets(NamedTuple):
-    """Edges in view: their rows (g,) in the state, and the prior variance_px2 (g,) of their offsets."""
-
-    rows: Indices
-    variance_px2: Array
-
-
-class LocalBiases(NamedTuple):
-    """Information on the biases at a linearization point, with D as a twist (6,) of the camera there.
-
-    information (6, 6) and vector (6,) on D, with the offsets of the edges in view not marginalized; cross (g, 6),
-    offset_information (g,) and offset_vector (g,) of those.
-    """
-
-    information: Array
-    vector: Array
-    cross: Array
-    offset_information: Array
-    offset_vector: Array
 
 
 class Marginal(NamedTuple):
@@ -89,61 +34,6 @@ class PatchError(NamedTuple):
 
     twist: Array
     information: Array
-
-
-FRAME_SUMS = named_tuple(FrameSums, "f1! f2! f1! f2! f1! f2! f1!")
-BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1!")
-EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1!")
-LOCAL_BIASES = named_tuple(LocalBiases, "f2! f1! f2! f1! f1!")
-
-
-@compiled("f2 f1")
-def adjoint(R: Array, t: Array) -> Array:
-    """Adjoint (6, 6) that maps a twist in the world to one of the camera, for cam_from_world (R, t)."""
-    X = np.zeros((6, 6))
-    for i in range(3):
-        for j in range(3):
-            X[i, j] = X[3 + i, 3 + j] = R[i, j]
-    for j in range(3):
-        X[0, 3 + j] = t[1] * R[2, j] - t[2] * R[1, j]
-        X[1, 3 + j] = t[2] * R[0, j] - t[0] * R[2, j]
-        X[2, 3 + j] = t[0] * R[1, j] - t[1] * R[0, j]
-    return X
-
-
-@compiled("f2 f1", inner=True)
-def product(X: Array, v: Array) -> Array:
-    """X v of a square matrix."""
-    out = np.zeros(len(v))
-    for i in range(len(v)):
-        for j in range(len(v)):
-            out[i] += X[i, j] * v[j]
-    return out
-
-
-@compiled("f2", inner=True)
-def transposed(X: Array) -> Array:
-    """X^T of a square matrix."""
-    out = np.empty(X.shape)
-    for i in range(len(X)):
-        for j in range(len(X)):
-            out[i, j] = X[j, i]
-    return out
-
-
-@compiled("f2 f2")
-def congruence(X: Array, C: Array) -> Array:
-    """X C X^T of matrices (6, 6)."""
-    half, out = np.zeros((6, 6)), np.zeros((6, 6))
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
-                half[i, j] += X[i, h] * C[h, j]
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
-                out[i, j] += half[i, h] * X[j, h]
-    return out
 
 
 @compiled("f2 f1 f1 f1")

@@ -10,18 +10,14 @@ import numpy as np
 
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import (
-    BiasState,
-    EdgeOffsets,
-    FrameSums,
-    LocalBiases,
     accumulate,
-    adjoint,
     centre,
-    congruence,
     explained_by_offsets,
     linearize,
     observability,
 )
+from uavbench.tracker.robust.solver.bias_state import BiasState, EdgeOffsets, FrameSums, LocalBiases
+from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
 from uavbench.trajectories.pose import Array, Pose
 
 NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0))

@@ -14,7 +14,7 @@ from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
-from uavbench.tracker.robust.solver.bias_kernels import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
+from uavbench.tracker.robust.solver.bias_state import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
