@@ -8,6 +8,7 @@ from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints
 from uavbench.tracker.robust.edges.profile_kernels import learn_squares
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
+    edge_spacing,
     known_rows,
     offset_variances,
     point_variances,
@@ -132,3 +133,39 @@ def test_a_missed_part_of_a_known_edge_counts_as_much_as_its_other_parts():
     for kept, share in (([1, 1], 1.0), ([1, 0], 0.5), ([0, 1], 0.5)):
         got = support(measured, counts, own * kept, nothing, nothing, appearance, weak)
         assert got.edges == pytest.approx(share * counts.sum() / max(1.0, counts.sum()), rel=1e-3)
+
+
+def parallel_edges(across_px, starts_px, every_px, points, turned_rad=0.0):
+    """Search lines of edges of so many control points, along x before they are turned, each at a height across_px."""
+    lines = []
+    for y, start in zip(across_px, starts_px, strict=True):
+        x = start + every_px * np.arange(points)
+        lines.append(np.column_stack([x, np.full(points, y), np.zeros(points), np.ones(points)]))
+    lines = np.concatenate(lines)
+    c, s = np.cos(turned_rad), np.sin(turned_rad)
+    turn = np.array([[c, -s], [s, c]])
+    lines = np.column_stack([lines[:, :2] @ turn.T, lines[:, 2:] @ turn.T])
+    first = np.arange(len(across_px) + 1) * points
+    return SearchLines(lines, np.zeros((len(lines), 6)), np.ones(len(lines), np.int64)), first
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.7, 1.6])
+@pytest.mark.parametrize("every_px", [6.0, 55.0])
+def test_edges_are_as_far_apart_as_their_lines_however_far_their_points_are(every_px, turned_rad):
+    """Points of long edges lie far apart: those of a parallel one may all be farther away than that edge is."""
+    at, first = parallel_edges([0.0, 3.0, 30.0], [0.0, every_px / 2, 0.0], every_px, 4, turned_rad)
+    spacing = edge_spacing(at, first, 8.0)
+    assert spacing == pytest.approx([3.0] * 8 + [8.0] * 4)
+
+
+def test_an_edge_does_not_disturb_one_beyond_its_end():
+    at, first = parallel_edges([0.0, 3.0], [0.0, 100.0], 6.0, 4)
+    assert edge_spacing(at, first, 8.0) == pytest.approx([8.0] * 8)
+    at, first = parallel_edges([0.0, 3.0], [0.0, 260.0], 55.0, 4)  # ends at 165 and 27 px beyond
+    assert edge_spacing(at, first, 8.0) == pytest.approx([8.0] * 8)
+
+
+def test_an_edge_across_does_not_disturb():
+    at, first = parallel_edges([0.0, 3.0], [0.0, 0.0], 6.0, 4)
+    at.lines[4:, 2:] = [1.0, 0.0]
+    assert edge_spacing(at, first, 8.0) == pytest.approx([8.0] * 8)

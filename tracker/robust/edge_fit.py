@@ -175,7 +175,7 @@ class EdgeFitter:
             self.texture.choose(view)
             lines = self.search_lines(points, view)
             separate_px = self.config.solver.estimator.separate_px
-            spacing_px = edge_spacing(lines, points.keys, separate_px)
+            spacing_px = edge_spacing(lines, points.first, separate_px)
             rows = points.rows, known_rows(points.rows, self.appearance)
             weight, counts = (
                 point_weights(spacing_px, each, self.appearance, separate_px, self.weak_step, weights) for each in rows

@@ -1,6 +1,5 @@
 """Compiled sub-pixel refinement of the control points, each with the edges that crowd about it."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from uavbench.tracker.robust.edges.step_kernels import (
     fit_step,
     learned_light,
 )
-from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS
+from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -112,15 +111,6 @@ def refine_subpixel(
                 learned = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
                 variance[p] = found.variance_px2 + learned
     return SubpixelEdges(distance, variance, together)
-
-
-@compiled("f2 i1 i0", inner=True)
-def half_spacing(lines: Array, first: Indices, g: int) -> float:
-    """Half the distance in px between the control points of an edge, 0 of a single one."""
-    p = first[g]
-    if first[g + 1] - p < 2:
-        return 0.0
-    return 0.5 * math.hypot(lines[p + 1, U] - lines[p, U], lines[p + 1, V] - lines[p, V])
 
 
 @compiled("lines i1 i0 i0 f0 f2!", inner=True, lines=SEARCH_LINES)

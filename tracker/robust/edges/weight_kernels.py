@@ -1,5 +1,6 @@
 """Compiled weights and variances of control points, and the weighted inlier ratio."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +9,6 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.columns import (
     BINS,
-    EDGE,
     MEAN_SQUARE,
     NEGATIVE_COLOUR,
     NORMAL_U,
@@ -42,30 +42,56 @@ PARALLEL_COSINE = 0.82
 Indices = NDArray[np.int64]
 
 
-@compiled("lines i2 f0", lines=SEARCH_LINES)
-def edge_spacing(at: SearchLines, keys: Indices, separate_px: float) -> Array:
-    """Distance in px (n,), at most separate_px, along each normal to the nearest control point of another edge that is
-    nearly parallel.
+@compiled("f2 i1 i0", inner=True)
+def half_spacing(lines: Array, first: Indices, g: int) -> float:
+    """Half the distance in px between the control points of an edge, 0 of a single one."""
+    p = first[g]
+    if first[g + 1] - p < 2:
+        return 0.0
+    return 0.5 * math.hypot(lines[p + 1, U] - lines[p, U], lines[p + 1, V] - lines[p, V])
+
+
+@compiled("lines i1 f0", lines=SEARCH_LINES)
+def edge_spacing(at: SearchLines, first: Indices, separate_px: float) -> Array:
+    """Distance in px (n,), at most separate_px, along each normal to the nearest other edge that is nearly parallel.
+
+    first (g + 1,): see `ControlPoints`. An edge reaches beyond a control point by half the distance to the next one.
     """
     lines, side = at.lines, at.side
-    n = len(lines)
-    gap = np.empty(n)
+    n, groups = len(lines), len(first) - 1
+    gap, reach, box = np.empty(n), np.empty(groups), np.empty((groups, 4))
     gap[:] = separate_px
-    for p in range(n):
-        if side[p] == OUTSIDE:
-            continue
-        for q in range(p + 1, n):
-            if keys[q, EDGE] == keys[p, EDGE] or side[q] == OUTSIDE:
+    for g in range(groups):
+        reach[g] = max(separate_px, half_spacing(lines, first, g) + 1.0)
+        box[g] = np.array([np.inf, np.inf, -np.inf, -np.inf])
+        for p in range(first[g], first[g + 1]):
+            if side[p] != OUTSIDE:
+                u, v = lines[p, U], lines[p, V]
+                box[g, 0], box[g, 1] = min(box[g, 0], u), min(box[g, 1], v)
+                box[g, 2], box[g, 3] = max(box[g, 2], u), max(box[g, 3], v)
+    for g in range(groups):
+        for h in range(g + 1, groups):
+            far = max(reach[g], reach[h])
+            if max(box[g, 0] - box[h, 2], box[h, 0] - box[g, 2]) > far + separate_px:
                 continue
-            du, dv = lines[q, U] - lines[p, U], lines[q, V] - lines[p, V]
-            if abs(du) > separate_px or abs(dv) > separate_px:
+            if max(box[g, 1] - box[h, 3], box[h, 1] - box[g, 3]) > far + separate_px:
                 continue
-            nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
-            if abs(nu * lines[q, NORMAL_U] + nv * lines[q, NORMAL_V]) < PARALLEL_COSINE:
-                continue
-            across = abs(du * nu + dv * nv)
-            gap[p] = min(gap[p], across)
-            gap[q] = min(gap[q], across)
+            for p in range(first[g], first[g + 1]):
+                if side[p] == OUTSIDE:
+                    continue
+                u, v, nu, nv = lines[p, U], lines[p, V], lines[p, NORMAL_U], lines[p, NORMAL_V]
+                for q in range(first[h], first[h + 1]):
+                    du, dv = lines[q, U] - u, lines[q, V] - v
+                    across = abs(du * nu + dv * nv)
+                    if across > separate_px or side[q] == OUTSIDE:
+                        continue
+                    along = abs(dv * nu - du * nv)
+                    if along > far or abs(nu * lines[q, NORMAL_U] + nv * lines[q, NORMAL_V]) < PARALLEL_COSINE:
+                        continue
+                    if along <= reach[h]:
+                        gap[p] = min(gap[p], across)
+                    if along <= reach[g]:
+                        gap[q] = min(gap[q], across)
     return gap
 
 
