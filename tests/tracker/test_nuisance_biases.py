@@ -5,12 +5,17 @@ import pytest
 
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import observability
-from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
+from uavbench.tracker.robust.solver.bias_state import FrameSums
+from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
 from uavbench.tracker.robust.solver.twist_kernels import adjoint
 from uavbench.trajectories.pose import Pose
 
-EDGES, POINTS = 7, 12
+EDGES, POINTS, SHARED = 7, 12, 0.4
+APART = EdgeKinds(np.full(EDGES, -1), np.ones(EDGES), 0)
+"""No edge looks like another."""
+ALIKE = EdgeKinds(np.array([0, 1, 0, -1, 1, 0, -1]), np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0]), 2)
+"""Two kinds of edges, some of them with opposite normals, and two edges that look like no other."""
 SURE = np.eye(6) * 1e18
 """Information of patches that leave no doubt about the pose."""
 
@@ -43,20 +48,29 @@ def test_a_twist_in_the_world_is_the_same_motion_as_its_adjoint_of_the_camera():
     np.testing.assert_allclose(adjoint(pose.rotation, pose.translation) @ xi, moved.log(), atol=1e-9)
 
 
-def test_the_arrow_is_solved_as_the_whole_system_is():
+def prior_of(kinds, variance_px2, part):
+    """Prior covariance of all offsets: this part of it is common to the edges of a kind."""
+    alike = (kinds.kinds[:, None] == kinds.kinds) & (kinds.kinds[:, None] >= 0)
+    common = part * np.outer(kinds.signs, kinds.signs)
+    return variance_px2 * np.where(np.eye(len(kinds.kinds)), 1.0, np.where(alike, common, 0.0))
+
+
+@pytest.mark.parametrize("kinds", [APART, ALIKE])
+def test_the_arrow_is_solved_as_the_whole_system_is(kinds):
     config, rng = BiasConfig(forgotten_part=0.0), np.random.default_rng(2)
-    common, spread = NuisanceBiases(EDGES, config), np.full(EDGES, 0.2**2)
+    common, spread = NuisanceBiases(kinds, config), np.full(EDGES, 0.2**2)
     prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
     offsets, nothing = rng.normal(size=EDGES) * 0.2, np.zeros(6)
     X = [adjoint(p.rotation, p.translation) for p in (first, second)]
     dense = np.zeros((6 + EDGES, 6 + EDGES))
-    dense[:6, :6], dense[6:, 6:] = X[0].T @ prior @ X[0], np.diag(1 / spread)
+    dense[:6, :6] = X[0].T @ prior @ X[0]
+    dense[6:, 6:] = np.linalg.inv(prior_of(kinds, 0.2**2, SHARED))
     right = np.zeros(6 + EDGES)
     for k, pose in enumerate((first, second)):
         edge, J, residual = frame(rng, pose, rng.normal(size=6) * 1e-3, offsets)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 50.0))
         if k == 0:
-            common.begin(EdgeOffsets(views, spread[views]), sums, nothing, prior, pose)
+            common.begin(common.offsets(views, spread[views], SHARED), sums, nothing, prior, pose)
         rows = np.concatenate([J @ X[k], np.eye(EDGES)[edge]], axis=1)
         part = 50.0 if k == 0 else 50.0 / 4
         dense += part * rows.T @ rows
@@ -65,17 +79,26 @@ def test_the_arrow_is_solved_as_the_whole_system_is():
         else:  # the patches are taken where the frame puts them: the first frame says nothing of D beside the offsets
             right[6:] += part * rows[:, 6:].T @ residual
             right[:6] = dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], right[6:])
-    twist = common.learn(EdgeOffsets(views, spread[views]), sums, nothing, second, config.correlation_s / 4)
+    twist = common.learn(common.offsets(views, spread[views], SHARED), sums, nothing, second, config.correlation_s / 4)
     solution = np.linalg.solve(dense, right)
     np.testing.assert_allclose(twist, X[1] @ solution[:6], rtol=1e-6, atol=1e-12)
     schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
-    np.testing.assert_allclose(common.known, schur, rtol=1e-8)
+    np.testing.assert_allclose(common.known.information, schur, rtol=1e-8)
     every = np.arange(EDGES)
-    A, v, ties, seen, moment = common.at(EdgeOffsets(every, spread), second.rotation, second.translation)
-    here = np.linalg.inv(X[1])
-    np.testing.assert_allclose(A - (ties.T / seen) @ ties, here.T @ schur @ here, rtol=1e-6)
-    np.testing.assert_allclose(v, ties.T @ (moment / seen), rtol=1e-6)  # centred: nothing is expected of D
-    np.testing.assert_allclose(moment / seen, solution[6:], rtol=1e-6, atol=1e-9)
+    at = common.at(common.offsets(every, spread, SHARED), second.rotation, second.translation)
+    here, n = np.linalg.inv(X[1]), kinds.number
+    ties = np.zeros((EDGES, n))
+    ties[every[at.kinds >= 0], at.kinds[at.kinds >= 0]] = at.ties[at.kinds >= 0]
+    shared = np.diag(at.of_kinds.information + np.abs(ties).sum(axis=0))
+    offsets = np.block([[np.diag(at.offset_information), -ties], [-ties.T, shared]])
+    cross, vector = np.vstack([at.cross, at.of_kinds.cross]), np.concatenate([at.offset_vector, at.of_kinds.vector])
+    left = at.information - cross.T @ np.linalg.solve(offsets, cross)
+    np.testing.assert_allclose(left, here.T @ schur @ here, rtol=1e-6)
+    expected = np.linalg.solve(offsets, vector)
+    np.testing.assert_allclose(at.vector, cross.T @ expected, rtol=1e-6)  # centred: nothing is expected of D
+    np.testing.assert_allclose(expected[:EDGES], solution[6:], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(at.expected.px, solution[6:], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(at.expected.variance_px2, np.diag(np.linalg.inv(offsets))[:EDGES], rtol=1e-6)
 
 
 def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
@@ -89,7 +112,7 @@ def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
 def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px):
     config = BiasConfig(forgotten_part=0.02)
     rng = np.random.default_rng(3)
-    common, spread = NuisanceBiases(EDGES, config), np.full(EDGES, 0.3**2)
+    common, spread = NuisanceBiases(APART, config), np.full(EDGES, 0.3**2)
     offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)
     left = rng.normal(size=6) * 1e-3  # of the places of the patches, as a twist in the world
     for k in range(100):
@@ -97,11 +120,11 @@ def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(of
         edge, J, residual = frame(rng, pose, left, offsets, noise_px=0.05)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 1 / 0.05**2))
         if k == 0:
-            common.begin(EdgeOffsets(views, spread[views]), sums, np.zeros(6), np.eye(6) * 1e-2, pose)
+            common.begin(common.offsets(views, spread[views], SHARED), sums, np.zeros(6), np.eye(6) * 1e-2, pose)
             continue
         X = adjoint(pose.rotation, pose.translation)
         left = left - np.linalg.solve(
-            X, common.learn(EdgeOffsets(views, spread[views]), sums, np.zeros(6), pose, config.correlation_s)
+            X, common.learn(common.offsets(views, spread[views], SHARED), sums, np.zeros(6), pose, config.correlation_s)
         )
     assert np.abs(left).max() < 1e-4
     np.testing.assert_allclose(

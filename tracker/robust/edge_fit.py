@@ -45,6 +45,7 @@ from uavbench.tracker.robust.pose_fit import (
     Solution,
 )
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
+from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine
@@ -78,6 +79,7 @@ class EdgeFitter:
     def __init__(self, structure: Structure, camera: Camera, rng: np.random.Generator, config: RobustConfig) -> None:
         self.camera, self.config, self.values = camera, config, KernelConfig.of(config)
         self.edges = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
+        self.kinds = EdgeKinds.of(self.edges)
         self.view = View.of(camera, structure)
         self.most_points, self.now_s = 0, 0.0
         self.sharp = True
@@ -91,7 +93,7 @@ class EdgeFitter:
     def forget(self) -> None:
         """Forget the appearance of the edges, the patches and the biases."""
         self.forget_patches()
-        self.biases = NuisanceBiases(len(self.edges.ends) * 3, self.config.solver.bias)
+        self.biases = NuisanceBiases(self.kinds, self.config.solver.bias)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.learned = 0
 
@@ -306,7 +308,8 @@ class EdgeFitter:
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
         """Offsets of the edges in view, with prior variances from the measurements."""
-        return EdgeOffsets(problem.edges, offset_variances(measured, self.values.weights))
+        variance_px2 = offset_variances(measured, self.values.weights)
+        return self.biases.offsets(problem.edges, variance_px2, self.config.edges.weights.shared_part)
 
     def solve(
         self,

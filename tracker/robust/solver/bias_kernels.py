@@ -1,84 +1,159 @@
 """Compiled filter of the biases shared across frames: the pose error D of all patches (6), and one offset per edge (1).
 
-See `bias_state`.
+What is a state, and what its information matrix looks like: `bias_state`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import eliminate
 from uavbench.tracker.robust.solver.bias_state import (
     BIAS_STATE,
     EDGE_OFFSETS,
     FRAME_SUMS,
+    KIND_SUMS,
+    KNOWN,
     BiasState,
     EdgeOffsets,
+    ExpectedOffsets,
     FrameSums,
+    KindSums,
+    Known,
     LocalBiases,
 )
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence, product, transposed
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
+Indices = NDArray[np.int64]
+
 
 class Marginal(NamedTuple):
-    """Information (6, 6) and vector (6,) on D."""
+    """Information (6, 6) and vector (6,) on D that marginalizing all offsets removes, and what is left of the kinds."""
 
     information: Array
     vector: Array
+    of_kinds: KindSums
 
 
 class PatchError(NamedTuple):
-    """Error of the patches as a twist (6,) of the camera, and the remaining information (6, 6) on D."""
+    """Error of the patches as a twist (6,) of the camera, and what remains known."""
 
     twist: Array
-    information: Array
+    known: Known
 
 
-@compiled("f2 f1 f1 f1")
-def explained_by_offsets(cross: Array, information: Array, vector: Array, prior: Array) -> Marginal:
-    """Information and vector on D that marginalizing the offsets (e,) removes."""
-    A, v = np.zeros((6, 6)), np.zeros(6)
-    for e in range(len(information)):
-        if information[e] > 0.0:
-            part = 1.0 / (information[e] + prior[e])
-            for i in range(6):
-                v[i] += cross[e, i] * vector[e] * part
-                for j in range(6):
-                    A[i, j] += cross[e, i] * cross[e, j] * part
-    return Marginal(A, v)
+@compiled("f2! f1! f1 f0 f0", inner=True)
+def add_outer(A: Array, v: Array, row: Array, vector: float, part: float) -> None:
+    """Add part times row row^T to A (6, 6) and part times vector times row to v (6,), in place."""
+    for i in range(6):
+        v[i] += part * vector * row[i]
+        for j in range(6):
+            A[i, j] += part * row[i] * row[j]
 
 
-@compiled("state f2 edges f2 f1", state=BIAS_STATE, edges=EDGE_OFFSETS)
-def linearize(state: BiasState, known: Array, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
+@compiled("state i0 i0 f0 kinds", inner=True, state=BIAS_STATE, kinds=KIND_SUMS)
+def add_to_kind(state: BiasState, e: int, k: int, times: float, kinds: KindSums) -> None:
+    """Add `times` what an edge of the state says of row k of the kinds, in place."""
+    prior, information = state.offset_prior[e], state.offset_information[e]
+    part = times * prior / (information + prior)
+    kinds.information[k] += part * information
+    kinds.vector[k] += state.signs[e] * part * state.offset_vector[e]
+    for i in range(6):
+        kinds.cross[k, i] += state.signs[e] * part * state.cross[e, i]
+
+
+@compiled("state", state=BIAS_STATE)
+def explained_by_offsets(state: BiasState) -> Marginal:
+    """Information and vector on D that marginalizing all offsets removes."""
+    A, v, count = np.zeros((6, 6)), np.zeros(6), len(state.kind_prior)
+    kinds = KindSums(np.zeros(count), np.zeros((count, 6)), np.zeros(count))
+    for e in range(len(state.offset_information)):
+        information = state.offset_information[e]
+        if information > 0.0:
+            add_outer(A, v, state.cross[e], state.offset_vector[e], 1.0 / (information + state.offset_prior[e]))
+            if state.kinds[e] >= 0:
+                add_to_kind(state, e, state.kinds[e], 1.0, kinds)
+    for k in range(count):
+        if kinds.information[k] > 0.0:
+            add_outer(A, v, kinds.cross[k], kinds.vector[k], 1.0 / (kinds.information[k] + state.kind_prior[k]))
+    return Marginal(A, v, kinds)
+
+
+@compiled("state known edges f2 f1", state=BIAS_STATE, known=KNOWN, edges=EDGE_OFFSETS)
+def linearize(state: BiasState, known: Known, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
     """Information on the biases from the edges in view and all others, at the linearization point (R, t).
 
-    known (6, 6) is the information on D with all offsets marginalized; D's expectation is 0.
+    D's expectation is 0.
     """
-    n = len(edges.rows)
-    cross, information, vector, prior = np.empty((n, 6)), np.empty(n), np.empty(n), np.empty(n)
+    n, every = len(edges.rows), known.of_kinds
+    cross, information, vector = np.empty((n, 6)), np.empty(n), np.empty(n)
+    kinds, ties, local, count = np.full(n, -1), np.zeros(n), np.full(len(state.kind_prior), -1), 0
+    of_kinds = KindSums(np.zeros(n), np.zeros((n, 6)), np.zeros(n))
+    A, v = known.information.copy(), np.zeros(6)
     for g in range(n):
-        k = edges.rows[g]
-        information[g], vector[g] = state.offset_information[k], state.offset_vector[k]
-        prior[g] = state.offset_prior[k]
+        e, own = edges.rows[g], 1.0 / edges.variance_px2[g]
+        k = state.kinds[e]
+        information[g], vector[g] = state.offset_information[e] + own, state.offset_vector[e]
         for i in range(6):
-            cross[g, i] = state.cross[k, i]
-    spared = explained_by_offsets(cross, information, vector, prior)
-    A, back = spared.information, transposed(R)
+            cross[g, i] = state.cross[e, i]
+        if state.offset_information[e] > 0.0:
+            part = 1.0 / (state.offset_information[e] + state.offset_prior[e])
+            add_outer(A, v, state.cross[e], state.offset_vector[e], part)
+        if k < 0:
+            continue
+        if local[k] < 0:  # the kind is in view: what all its edges say of it, and its new prior
+            local[k], count = count, count + 1
+            add_outer(A, v, every.cross[k], every.vector[k], 1.0 / (every.information[k] + state.kind_prior[k]))
+            of_kinds.information[local[k]] = every.information[k] + 1.0 / edges.kind_px2[g]
+            of_kinds.vector[local[k]] = every.vector[k]
+            for i in range(6):
+                of_kinds.cross[local[k], i] = every.cross[k, i]
+        kinds[g], ties[g] = local[k], state.signs[e] * own
+        if state.offset_information[e] > 0.0:  # less what this edge says itself
+            add_to_kind(state, e, kinds[g], -1.0, of_kinds)
+    in_view = of_kinds.information[:count].copy(), of_kinds.cross[:count].copy(), of_kinds.vector[:count].copy()
+    back = transposed(R)
     centre = product(back, t)
     for i in range(3):
         centre[i] = -centre[i]
     X = transposed(adjoint(back, centre))
-    for i in range(6):
-        for j in range(6):
-            A[i, j] += known[i, j]
-    for g in range(n):
-        row = product(X, cross[g])
-        information[g] += 1.0 / edges.variance_px2[g]
+    cross, of_kinds = each_mapped(X, cross), KindSums(in_view[0], each_mapped(X, in_view[1]), in_view[2])
+    expected = expected_offsets(information, vector, kinds, ties, of_kinds)
+    return LocalBiases(congruence(X, A), product(X, v), cross, information, vector, kinds, ties, of_kinds, expected)
+
+
+@compiled("f2 f2", inner=True)
+def each_mapped(X: Array, rows: Array) -> Array:
+    """X row of each row (n, 6)."""
+    out = np.empty(rows.shape)
+    for g in range(len(rows)):
+        row = product(X, rows[g])
         for i in range(6):
-            cross[g, i] = row[i]
-    return LocalBiases(congruence(X, A), product(X, spared.vector), cross, information, vector)
+            out[g, i] = row[i]
+    return out
+
+
+@compiled("f1 f1 i1 f1 kinds", inner=True, kinds=KIND_SUMS)
+def expected_offsets(
+    information: Array, vector: Array, kinds: Indices, ties: Array, of_kinds: KindSums
+) -> ExpectedOffsets:
+    """Offset of each edge in view and its variance where D is 0. Arguments as of `LocalBiases`."""
+    shared, known = of_kinds.vector.copy(), of_kinds.information.copy()
+    expected, variance = np.empty(len(kinds)), np.empty(len(kinds))
+    for g in range(len(kinds)):
+        if kinds[g] >= 0:
+            known[kinds[g]] += abs(ties[g]) - ties[g] * ties[g] / information[g]
+            shared[kinds[g]] += ties[g] * vector[g] / information[g]
+    for g in range(len(kinds)):
+        k, expected[g], variance[g] = kinds[g], vector[g] / information[g], 1.0 / information[g]
+        if k >= 0:
+            part = ties[g] / information[g]
+            expected[g] += part * shared[k] / known[k]
+            variance[g] += part * part / known[k]
+    return ExpectedOffsets(expected, variance)
 
 
 @compiled("state edges sums f1 f2 f1 f0", state=BIAS_STATE, edges=EDGE_OFFSETS, sums=FRAME_SUMS)
@@ -103,6 +178,8 @@ def accumulate(
         for i in range(6):
             left -= sums.offset_jacobian[g, i] * to_patches[i]
         state.offset_prior[k] = 1.0 / edges.variance_px2[g]
+        if state.kinds[k] >= 0:
+            state.kind_prior[state.kinds[k]] = 1.0 / edges.kind_px2[g]
         state.offset_information[k] += part * sums.offset_weight[g]
         state.offset_vector[k] += part * left
         row = product(X, sums.offset_jacobian[g])
@@ -113,7 +190,7 @@ def accumulate(
 @compiled("state f2 f1", state=BIAS_STATE)
 def centre(state: BiasState, R: Array, t: Array) -> PatchError:
     """The patches' error as a twist of the camera at (R, t), which is subtracted from the state's vectors in place."""
-    spared = explained_by_offsets(state.cross, state.offset_information, state.offset_vector, state.offset_prior)
+    spared = explained_by_offsets(state)
     known, used_up, column, D = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 1)), np.empty(6)
     for i in range(6):
         column[i, 0] = state.vector[i] - spared.vector[i]
@@ -125,10 +202,11 @@ def centre(state: BiasState, R: Array, t: Array) -> PatchError:
     explained = product(state.information, D)
     for i in range(6):
         state.vector[i] -= explained[i]
-    for e in range(len(state.offset_vector)):
-        for i in range(6):
+        for e in range(len(state.offset_vector)):
             state.offset_vector[e] -= state.cross[e, i] * D[i]
-    return PatchError(product(adjoint(R, t), D), known)
+        for k in range(len(state.kind_prior)):
+            spared.of_kinds.vector[k] -= spared.of_kinds.cross[k, i] * D[i]
+    return PatchError(product(adjoint(R, t), D), Known(known, spared.of_kinds))
 
 
 @compiled("f2 f2")

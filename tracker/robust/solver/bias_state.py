@@ -2,7 +2,8 @@
 
 With D the pose error of the patches as a twist in the world and b the offset of an edge in px, a frame whose pose is
 determined by the patches observes the control points of that edge at J D + b. The information matrix is therefore an
-arrowhead matrix: each offset is correlated with D alone, and can be marginalized separately.
+arrowhead matrix: each offset is correlated with D alone, and can be marginalized separately. Edges that look alike, as
+those of all sills, share a part of their offsets: this makes their prior a tree, whose leaves are marginalized first.
 """
 
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
 
@@ -33,11 +35,24 @@ class FrameSums(NamedTuple):
     patch_vector: Array
 
 
+class KindSums(NamedTuple):
+    """What edges say of the offsets that they share with their kind, their own offsets marginalized.
+
+    information (k,) on each, cross (k, 6) between it and D, and vector (k,).
+    """
+
+    information: Array
+    cross: Array
+    vector: Array
+
+
 class BiasState(NamedTuple):
     """Information on D and on the offsets of all edges (e,).
 
     information (6, 6) and vector (6,) on D; cross (e, 6) information between D and an offset; offset_information (e,)
-    and offset_vector (e,) on the offset itself, offset_prior (e,) its prior information.
+    and offset_vector (e,) on the offset itself, offset_prior (e,) the prior information on what is its own. kinds (e,)
+    of edges that look alike, -1 of one that looks like no other, and signs (e,) of their normals; kind_prior (k,) the
+    prior information on the offset that a kind shares.
     """
 
     information: Array
@@ -46,26 +61,43 @@ class BiasState(NamedTuple):
     offset_information: Array
     offset_vector: Array
     offset_prior: Array
+    kinds: Indices
+    signs: Array
+    kind_prior: Array
 
     @classmethod
-    def unknown(cls, edges: int) -> "BiasState":
-        """Unit information on D, and none on the offsets of this many edges."""
+    def unknown(cls, kinds: EdgeKinds) -> "BiasState":
+        """Unit information on D, and none on the offsets of edges of these kinds."""
+        edges = len(kinds.kinds)
         offsets = np.zeros((edges, 6)), np.zeros(edges), np.zeros(edges), np.ones(edges)
-        return cls(np.eye(6), np.zeros(6), *offsets)
+        return cls(np.eye(6), np.zeros(6), *offsets, kinds.kinds, kinds.signs, np.ones(kinds.number))
 
 
 class EdgeOffsets(NamedTuple):
-    """Edges in view: their rows (g,) in the state, and the prior variance_px2 (g,) of their offsets."""
+    """Edges in view: their rows (g,) in the state, and the prior variances of their offsets.
+
+    variance_px2 (g,) of what is an edge's own, kind_px2 (g,) of what it shares with its kind.
+    """
 
     rows: Indices
+    variance_px2: Array
+    kind_px2: Array
+
+
+class ExpectedOffsets(NamedTuple):
+    """Offsets (g,) in px that the edges in view are known to have, and their variances (g,)."""
+
+    px: Array
     variance_px2: Array
 
 
 class LocalBiases(NamedTuple):
     """Information on the biases at a linearization point, with D as a twist (6,) of the camera there.
 
-    information (6, 6) and vector (6,) on D, with the offsets of the edges in view not marginalized; cross (g, 6),
-    offset_information (g,) and offset_vector (g,) of those.
+    information (6, 6) and vector (6,) on D, with the offsets of the edges in view and of their kinds not marginalized;
+    cross (g, 6), offset_information (g,) and offset_vector (g,) of those of the edges. kinds (g,) rows of `of_kinds`,
+    -1 for none, and ties (g,) the information between an edge's offset and that of its kind, to which the edge adds the
+    absolute value. of_kinds: what the prior and the edges out of view say. expected: offsets where D is 0.
     """
 
     information: Array
@@ -73,9 +105,25 @@ class LocalBiases(NamedTuple):
     cross: Array
     offset_information: Array
     offset_vector: Array
+    kinds: Indices
+    ties: Array
+    of_kinds: KindSums
+    expected: ExpectedOffsets
+
+
+class Known(NamedTuple):
+    """Information (6, 6) on D with all offsets marginalized, and the sums of the kinds."""
+
+    information: Array
+    of_kinds: KindSums
 
 
 FRAME_SUMS = named_tuple(FrameSums, "f1! f2! f1! f2! f1! f2! f1!")
-BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1!")
-EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1!")
-LOCAL_BIASES = named_tuple(LocalBiases, "f2! f1! f2! f1! f1!")
+KIND_SUMS = named_tuple(KindSums, "f1! f2! f1!")
+BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1! i1! f1! f1!")
+EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1! f1!")
+EXPECTED_OFFSETS = named_tuple(ExpectedOffsets, "f1! f1!")
+LOCAL_BIASES = named_tuple(
+    LocalBiases, "f2! f1! f2! f1! f1! i1! f1! kinds expected", kinds=KIND_SUMS, expected=EXPECTED_OFFSETS
+)
+KNOWN = named_tuple(Known, "f2! kinds", kinds=KIND_SUMS)

@@ -3,10 +3,11 @@
 The image of an edge is offset from the model's edge by worn borders, shadows or insets, by the same fraction of a pixel
 in successive frames. Frames are therefore not independent measurements: each offset is a state, and so is the pose
 error shared by all patches. Since patches track the camera, the edges of all frames observe the same few unknowns,
-which different viewpoints separate.
+which different viewpoints separate. Edges that look alike are offset alike, and count as less than so many edges.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import (
@@ -16,20 +17,36 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     linearize,
     observability,
 )
-from uavbench.tracker.robust.solver.bias_state import BiasState, EdgeOffsets, FrameSums, LocalBiases
+from uavbench.tracker.robust.solver.bias_state import BiasState, EdgeOffsets, FrameSums, Known, LocalBiases
+from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
 from uavbench.trajectories.pose import Array, Pose
 
-NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0))
+Indices = NDArray[np.int64]
+NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
 
 class NuisanceBiases:
     """State of the filter: information on the patches' pose error and on the offsets of all edges."""
 
-    def __init__(self, edges: int, config: BiasConfig) -> None:
+    def __init__(self, kinds: EdgeKinds, config: BiasConfig) -> None:
         self.config = config
-        self.state = BiasState.unknown(edges)
-        self.known = np.eye(6)
+        self.state = BiasState.unknown(kinds)
+        self.known = Known(np.eye(6), explained_by_offsets(self.state).of_kinds)
+
+    def offsets(self, rows: Indices, variance_px2: Array, shared_part: float) -> EdgeOffsets:
+        """Offsets of edges in view, rows (g,) of the state, with prior variances (g,).
+
+        shared_part: part of the variance that edges of a kind share; of a kind it is that of their mean.
+        """
+        kinds = self.state.kinds[rows]
+        alike = kinds >= 0
+        number = np.bincount(kinds[alike], minlength=len(self.state.kind_prior))
+        total = np.bincount(kinds[alike], variance_px2[alike], len(self.state.kind_prior))
+        own, shared = variance_px2.copy(), np.zeros(len(rows))
+        own[alike] *= 1.0 - shared_part
+        shared[alike] = shared_part * (total / np.maximum(number, 1))[kinds[alike]]
+        return EdgeOffsets(rows, own, shared)
 
     def at(self, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
         """The biases at a linearization point (R, t) with these edges in view."""
@@ -46,9 +63,9 @@ class NuisanceBiases:
             array[:] = 0.0
         accumulate(state, edges, sums, to_fit, R, t, 1.0)
         state.information[:] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
-        spared = explained_by_offsets(state.cross, state.offset_information, state.offset_vector, state.offset_prior)
+        spared = explained_by_offsets(state)
         state.vector[:] = spared.vector
-        self.known = state.information - spared.information
+        self.known = Known(state.information - spared.information, spared.of_kinds)
 
     def learn(self, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, pose: Pose, dt_s: float) -> Array:
         """Add a frame's sums, dt_s after the previous frame, and return the patches' error as a twist (6,).
@@ -62,5 +79,5 @@ class NuisanceBiases:
         part = new * observability(sums.edge_information, sums.patch_information)
         accumulate(state, edges, sums, to_patches, R, t, part)
         error = centre(state, R, t)
-        self.known = error.information
+        self.known = error.known
         return error.twist

@@ -126,7 +126,7 @@ def add_points(
     row, c = np.empty(6), np.empty(3)
     located = distance.shape[1] == 1
     for g in range(len(first) - 1):
-        expected = biases.offset_vector[g] / biases.offset_information[g] if located else 0.0
+        expected = biases.expected.px[g] if located else 0.0
         for p in range(first[g], first[g + 1]):
             weights[p], residual[p] = 0.0, np.inf
             if weight[p] <= 0.0:
@@ -141,7 +141,7 @@ def add_points(
             best, r_best = np.inf, np.inf
             square_px2 = width_px * width_px
             if located:
-                square_px2 = min(square_px2, EFFICIENT**2 * (variance_px2[p] + 1.0 / biases.offset_information[g]))
+                square_px2 = min(square_px2, EFFICIENT**2 * (variance_px2[p] + biases.expected.variance_px2[g]))
             for candidate in range(distance.shape[1]):
                 r = distance[p, candidate] - moved
                 cost = (r - expected) ** 2 / square_px2
@@ -207,51 +207,80 @@ def solve_step(
 ) -> bool:
     """Solve the normal equations of pose and biases, the biases marginalized, into `step`; False where singular.
 
-    (A, b) are those of the pose, (M, last column of N) those of the patches' pose error, `mixed` is between them.
+    (H, h) are those of the pose and of the patches' pose error, in this order.
     """
     E, e, P, q = sums.edge_information, sums.edge_vector, sums.patch_information, sums.patch_vector
-    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
-    A, b, row = step.information, np.empty(6), np.empty(6)
-    M, N, mixed, held = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6)), np.empty((6, 6))
+    H, h = np.zeros((12, 12)), np.zeros(12)
     to_prior = se3_log_left(view.R, view.t, prior.R, prior.t)
-    information, known, known_vector = prior.information, biases.information, biases.vector
-    offset_information, offset_vector = biases.offset_information, biases.offset_vector
     for i in range(6):
-        b[i], N[i, 6] = e[i] + q[i], known_vector[i] - q[i]
+        h[i], h[6 + i] = e[i] + q[i], biases.vector[i] - q[i]
         for j in range(6):
-            b[i] += information[i, j] * to_prior[j]
-            A[i, j] = E[i, j] + P[i, j] + information[i, j]
-            M[i, j], mixed[i, j] = P[i, j] + known[i, j], -P[i, j]
-    cross = biases.cross
-    for g in range(len(S)):  # each edge's offset is marginalized (Schur complement)
-        if S[g] <= 0.0 and cross[g, 0] == 0.0:
-            continue
-        scale = 1.0 / (offset_information[g] + S[g])
-        f = (offset_vector[g] + d[g]) * scale
-        for i in range(6):
-            b[i] -= s[g, i] * f
-            N[i, 6] -= cross[g, i] * f
-            for j in range(6):
-                A[i, j] -= s[g, i] * s[g, j] * scale
-                M[i, j] -= cross[g, i] * cross[g, j] * scale
-                mixed[i, j] -= s[g, i] * cross[g, j] * scale
+            h[i] += prior.information[i, j] * to_prior[j]
+            H[i, j] = E[i, j] + P[i, j] + prior.information[i, j]
+            H[6 + i, 6 + j], H[6 + i, j] = P[i, j] + biases.information[i, j], -P[i, j]
+    marginalize_offsets(sums, biases, H, h)
+    A, b, row, held = step.information, np.empty(6), np.empty(6), np.empty((6, 6))
+    M, N = np.empty((6, 6)), np.empty((6, 7))
     part = config.patches_prior_part  # a small part of the other information regularizes the pose of the patches alone
     for i in range(6):
+        b[i], N[i, 6] = h[i], h[6 + i]
         row[i] = q[i] + part * b[i]
         for j in range(6):
+            A[i, j] = H[max(i, j), min(i, j)]
+            M[i, j], N[i, j] = H[6 + max(i, j), 6 + min(i, j)], H[6 + i, j]
             held[i, j] = P[i, j] + part * A[i, j]
     if not solve6(held, row, step.to_patches):
         return False
-    for i in range(6):
-        for j in range(6):
-            N[i, j] = mixed[j, i]
     eliminate(M, N)
     for i in range(6):
-        for h in range(6):
-            b[i] -= mixed[i, h] * N[h, 6]
+        for k in range(6):
+            b[i] -= H[6 + k, i] * N[k, 6]
             for j in range(6):
-                A[i, j] -= mixed[i, h] * N[h, j]
+                A[i, j] -= H[6 + k, i] * N[k, j]
     return solve6(A, b, step.to_fit)
+
+
+@compiled("sums biases f2! f1!", inner=True, sums=FRAME_SUMS, biases=LOCAL_BIASES)
+def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array) -> None:
+    """Marginalize the offset of each edge, then what the edges of each kind share, from H (12, 12), its lower half, and
+    h (12,), in place.
+    """
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    cross, kinds, ties, of_kinds = biases.cross, biases.kinds, biases.ties, biases.of_kinds
+    row, count = np.empty(12), len(of_kinds.information)
+    rows, shared, vector = np.zeros((count, 12)), of_kinds.information.copy(), of_kinds.vector.copy()
+    for k in range(count):
+        for i in range(6):
+            rows[k, 6 + i] = of_kinds.cross[k, i]
+    for g in range(len(S)):
+        if S[g] <= 0.0 and cross[g, 0] == 0.0:
+            continue
+        for i in range(6):
+            row[i], row[6 + i] = s[g, i], cross[g, i]
+        scale = 1.0 / (biases.offset_information[g] + S[g])
+        offset = (biases.offset_vector[g] + d[g]) * scale
+        marginalize(H, h, row, offset, scale)
+        k, tie = kinds[g], ties[g]
+        if k >= 0:
+            shared[k] += abs(tie) - tie * tie * scale
+            vector[k] += tie * offset
+            for i in range(12):
+                rows[k, i] += tie * scale * row[i]
+    for k in range(count):
+        scale = 1.0 / shared[k]
+        marginalize(H, h, rows[k], vector[k] * scale, scale)
+
+
+@compiled("f2! f1! f1 f0 f0", inner=True)
+def marginalize(H: Array, h: Array, row: Array, value: float, variance: float) -> None:
+    """Marginalize an unknown of this value and variance from H (n, n), its lower half, and h (n,), in place.
+
+    row (n,): information between it and the others (Schur complement).
+    """
+    for i in range(len(h)):
+        h[i] -= row[i] * value
+        for j in range(i + 1):
+            H[i, j] -= row[i] * row[j] * variance
 
 
 @compiled(

@@ -1,0 +1,89 @@
+"""The pose of least distances to edges and patches, with the biases marginalized, against dense least squares."""
+
+import numpy as np
+import pytest
+
+from uavbench.scenes.camera import Camera, camera_array
+from uavbench.tracker.robust.config.solver import BiasConfig, EstimatorConfig
+from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
+from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.tracker.robust.patches.matches import PatchMatches
+from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
+from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
+from uavbench.tracker.robust.solver.solve_kernels import PosePrior, refine
+from uavbench.tracker.robust.view import View
+from uavbench.trajectories.pose import Pose
+
+EDGES, ON_EDGE, PATCHES = 6, 3, 8
+CAMERA = Camera.from_field_of_view(640, 480, horizontal_deg=65.0)
+ALIKE = EdgeKinds(np.array([0, 0, -1, 1, 1, 0]), np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0]), 2)
+APART = EdgeKinds(np.full(EDGES, -1), np.ones(EDGES), 0)
+LINEAR_PX = 1e6
+"""A cutoff with which all weights are 1, so that one iteration is a linear least-squares solution."""
+
+
+def jacobian(points):
+    """Derivative (n, 2, 6) of the pixels of points for twists of a camera at the identity, by differences."""
+    step = 1e-6
+    columns = [
+        (CAMERA.project(Pose.exp(step * e).transform(points)) - CAMERA.project(Pose.exp(-step * e).transform(points)))
+        for e in np.eye(6)
+    ]
+    return np.stack(columns, axis=-1) / (2 * step)
+
+
+def covariance_of(kinds, variance_px2, shared):
+    """Prior covariance of the offsets, as it is meant: shared by those of a kind, apart from their signs."""
+    alike = (kinds.kinds[:, None] == kinds.kinds) & (kinds.kinds >= 0)
+    common = shared * np.outer(kinds.signs, kinds.signs) * alike
+    return variance_px2 * (common + np.diag(np.where(kinds.kinds >= 0, 1 - shared, 1.0)))
+
+
+@pytest.mark.parametrize("kinds", [APART, ALIKE])
+def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
+    rng, shared = np.random.default_rng(4), 0.6
+    n = EDGES * ON_EDGE
+    edge = np.repeat(np.arange(EDGES), ON_EDGE)
+    points, places = (np.column_stack([rng.uniform(-1, 1, (k, 2)), rng.uniform(3, 5, k)]) for k in (n, PATCHES))
+    angles = rng.uniform(0, 2 * np.pi, EDGES)[edge]
+    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    residual, variance, weight = rng.normal(0, 0.3, n), rng.uniform(0.01, 0.1, n), rng.uniform(0.2, 1.0, n)
+    moved, patch_variance = rng.normal(0, 0.3, (PATCHES, 2)), rng.uniform(0.01, 0.1, PATCHES)
+    prior = np.diag(rng.uniform(1e2, 1e3, 6))
+    biases = NuisanceBiases(kinds, BiasConfig())
+    offsets = biases.offsets(np.arange(EDGES), np.full(EDGES, 0.2**2), shared)
+    measured = EdgeMeasurements(
+        ControlPoints(points, np.zeros((n, 3), np.int64), np.zeros(n, np.int64), np.arange(EDGES + 1) * ON_EDGE),
+        SearchLines(np.column_stack([CAMERA.project(points), normals]), np.zeros((n, 6)), np.ones(n, np.int64)),
+        Candidates(np.column_stack([residual, np.full(n, np.inf)]), np.ones((n, 2))),
+        weight,
+        variance,
+    )
+    matches = PatchMatches(places, CAMERA.project(places) + moved, np.ones(PATCHES), patch_variance)
+    identity = np.eye(3), np.zeros(3)
+    size, bounds = np.array([640.0, 480.0]), np.array([-1.0, -1.0, 1.0, 1.0])
+    view = View(*identity, camera_array(CAMERA), size, bounds, 0.1)
+    found = refine(
+        measured,
+        matches,
+        biases.at(offsets, *identity),
+        PosePrior(prior, *identity),
+        view,
+        np.array([LINEAR_PX]),
+        kernel_values(EstimatorConfig()),
+    )
+    J = np.einsum("ni,nij->nj", normals, jacobian(points))
+    of_points = np.concatenate([J, np.zeros((n, 6)), np.eye(EDGES)[edge]], axis=1)
+    K = jacobian(places).reshape(-1, 6)
+    of_patches = np.concatenate([K, -K, np.zeros((2 * PATCHES, EDGES))], axis=1)
+    rows, right = np.vstack([of_points, of_patches]), np.concatenate([residual, moved.ravel()])
+    information = np.concatenate([weight / variance, np.repeat(1 / patch_variance, 2)])
+    dense = (rows.T * information) @ rows
+    dense[:6, :6] += prior
+    dense[6:12, 6:12] += np.eye(6)  # what a fresh filter knows of the patches' pose error
+    dense[12:, 12:] += np.linalg.inv(covariance_of(kinds, 0.2**2, shared))
+    solution = np.linalg.solve(dense, rows.T @ (information * right))
+    np.testing.assert_allclose(found.step.to_fit, solution[:6], rtol=1e-5)
+    marginal = np.linalg.inv(np.linalg.inv(dense)[:6, :6])
+    np.testing.assert_allclose(found.step.information, marginal, rtol=1e-4, atol=1e-4 * np.abs(marginal).max())
+    np.testing.assert_allclose(Pose(found.R, found.t).matrix, Pose.exp(found.step.to_fit).matrix, atol=1e-12)
