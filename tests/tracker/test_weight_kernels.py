@@ -19,6 +19,7 @@ from uavbench.tracker.robust.kernel_values import kernel_values
 WEIGHTS = WeightConfig()
 WEAK_STEP = AppearanceConfig().weak_step_grey
 OWN_VARIANCE = WEIGHTS.point_variance_px2
+LOOKS = 10.0
 OFFSET_VARIANCE, SHARED = WEIGHTS.offset_variance_px2, WEIGHTS.shared_part
 
 
@@ -32,7 +33,7 @@ def of_one_edge(learned, *, times=1.0, side=1, distance=0.2, contrast=50.0, trus
     own = point_variances(points, found, appearance, WEAK_STEP, kernel_values(WEIGHTS))
     lines = SearchLines(np.zeros((n, 4)), np.zeros((n, 6)), np.full(n, side))
     measured = EdgeMeasurements(points, lines, found, np.full(n, trusted), own)
-    return own, offset_variances(measured, kernel_values(WEIGHTS))
+    return own, offset_variances(measured, appearance, LOOKS, kernel_values(WEIGHTS))
 
 
 @pytest.mark.parametrize("learned", [1e-4, 0.01, 0.4])
@@ -55,6 +56,12 @@ def test_the_offset_of_an_edge_is_wider_where_it_weighs_less_and_never_wider_tha
     assert of_one_edge(9.0, trusted=0.001)[1] == pytest.approx([50 * OFFSET_VARIANCE])
     assert of_one_edge(9.0, distance=np.inf)[1] == pytest.approx([OFFSET_VARIANCE])
     assert of_one_edge(1e-3, trusted=0.001)[1] == pytest.approx([SHARED * 1e-3])
+
+
+def test_the_offset_of_an_edge_that_was_often_seen_is_as_wide_as_it_was_found_to_be():
+    for times, variance in ((1.0, OFFSET_VARIANCE), (LOOKS - 1, OFFSET_VARIANCE), (LOOKS, SHARED * 0.4)):
+        assert of_one_edge(0.4, times=times)[1] == pytest.approx([variance])
+    assert of_one_edge(0.4, times=LOOKS, trusted=0.1)[1] == pytest.approx([SHARED * 0.4])
 
 
 def test_one_bad_point_does_not_widen_the_offset_of_its_edge():

@@ -308,7 +308,8 @@ class EdgeFitter:
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
         """Offsets of the edges in view, with prior variances from the measurements."""
-        variance_px2 = offset_variances(measured, self.values.weights)
+        looks = 1.0 / self.config.edges.appearance.learning_rate  # in which a running mean forgets its first value
+        variance_px2 = offset_variances(measured, self.appearance, looks, self.values.weights)
         return self.biases.offsets(problem.edges, variance_px2, self.config.edges.weights.shared_part)
 
     def solve(

@@ -52,8 +52,9 @@ class WeightConfig:
     point_variance_px2: Positive = 0.08**2
     """Independent variance of a control point. Chosen on rendered seeds."""
     offset_variance_px2: Positive = 0.04**2
-    """Most variance of the offset of an edge of full weight: worn borders, insets and shadows. Measured at the true
-    poses of seven rendered sequences of boxes, walls and a bridge: 0.02 to 0.06 px RMS of silhouettes."""
+    """Most variance of the offset of an edge of full weight before it was seen as often as a running mean takes to
+    forget: worn borders, insets and shadows. Measured at the true poses of seven rendered sequences of boxes, walls and
+    a bridge: 0.02 to 0.06 px RMS of silhouettes."""
     shared_part: Part = 0.5
     """Part of the mean square distance from the model's edge that all points of an edge share, and part of the variance
     of that offset that edges which look alike share. Measured at the true poses of 22 rendered flights: silhouettes lie

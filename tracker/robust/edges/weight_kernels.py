@@ -167,26 +167,27 @@ def point_variances(
     return own
 
 
-@compiled("measured weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
-def offset_variances(measured: EdgeMeasurements, config: WeightConfig) -> Array:
+@compiled("measured f2 f0 weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
+def offset_variances(measured: EdgeMeasurements, appearance: Array, looks: float, config: WeightConfig) -> Array:
     """Prior variance (g,) in px^2 of the offset shared by all control points of an edge.
 
     measured: of a search, with the variances of `point_variances`. It is the shared part of the harmonic mean of what
-    the points were found to err, since the best of them tell most of the offset; no more than that of any edge, which
-    is larger for less weight.
+    the points were found to err, since the best of them tell most of the offset. Before so many looks at the edge, in
+    which that was learned, it is no more than that of any edge, which is larger for less weight.
     """
     first = measured.points.first
     shared = np.empty(len(first) - 1)
     for g in range(len(shared)):
-        information, weight, found = 0.0, 0.0, 0
+        information, weight, found, seen = 0.0, 0.0, 0, 0.0
         for p in range(first[g], first[g + 1]):
+            seen = max(seen, appearance[measured.points.rows[p], TIMES_SEEN])
             information += 1.0 / (measured.variance_px2[p] - config.point_variance_px2)
             if measured.candidates.distance[p, 0] < np.inf:
                 weight, found = weight + measured.weight[p], found + 1
-        shared[g] = config.offset_variance_px2
-        if found > 0:
-            shared[g] *= found / max(weight, LEAST_WEIGHT * found)
-        shared[g] = min(shared[g], config.shared_part * (first[g + 1] - first[g]) / information)
+        shared[g] = config.shared_part * (first[g + 1] - first[g]) / information
+        if seen < looks:
+            part = weight / found if found > 0 else 1.0
+            shared[g] = min(shared[g], config.offset_variance_px2 / max(part, LEAST_WEIGHT))
     return shared
 
 
