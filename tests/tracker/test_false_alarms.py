@@ -139,3 +139,22 @@ def test_patches_behind_an_occluder_say_nothing_against_half_of_the_edges(
     run.state.is_lost = was_lost
     assert run.state.is_there(fit, near, recent) == goes_on
     assert run.state.holds(fit, near, searched=False, recent=recent) == goes_on
+
+
+@pytest.mark.parametrize(("log10_edges", "holds"), [(-17.0, True), (-15.0, False)])
+@pytest.mark.parametrize("was_lost", [False, True])
+def test_a_searched_pose_of_little_support_holds_where_no_pose_of_the_search_finds_as_much_by_chance(
+    log10_edges, holds, was_lost
+):
+    """An occluder that hides most of a structure takes support away; what is found all the same is no chance."""
+    poses, images = flown(3, seed=11)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    for i, image in enumerate(images):
+        run.track(image, i * STEP_NS)
+    far = run.state.motion.predict(0.0, run.state.range_m, run.config.motion)
+    fit = run.fitter.fit(images[-1], far.cam_from_world, far.covariance, StageClock(), 5.0)
+    fit = replace(fit, support=0.35, edge_support=0.35, chance=Chance(log10_edges, log10_edges))
+    far = replace(far, cam_from_world=Pose(np.eye(3), np.array([0.5, 0.0, 0.0])) @ far.cam_from_world)
+    run.state.is_lost = was_lost
+    assert run.state.holds(fit, far, searched=True, recent=False) == holds
+    assert not run.state.holds(fit, far, searched=False, recent=False)
