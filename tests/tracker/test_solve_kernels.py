@@ -18,8 +18,8 @@ EDGES, ON_EDGE, PATCHES = 6, 3, 8
 CAMERA = Camera.from_field_of_view(640, 480, horizontal_deg=65.0)
 ALIKE = EdgeKinds(np.array([0, 0, -1, 1, 1, 0]), np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0]), 2)
 APART = EdgeKinds(np.full(EDGES, -1), np.ones(EDGES), 0)
-LINEAR_PX = 1e6
-"""A cutoff with which all weights are 1, so that one iteration is a linear least-squares solution."""
+LINEAR_PX, FINE_PX = 1e6, 1.5
+"""A cutoff with which all weights are 1, so that one iteration is a linear least-squares solution; that of a fit."""
 
 
 def jacobian(points):
@@ -48,7 +48,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
     angles = rng.uniform(0, 2 * np.pi, EDGES)[edge]
     normals = np.column_stack([np.cos(angles), np.sin(angles)])
     residual, variance, weight = rng.normal(0, 0.3, n), rng.uniform(0.01, 0.1, n), rng.uniform(0.2, 1.0, n)
-    moved, patch_variance = rng.normal(0, 0.3, (PATCHES, 2)), rng.uniform(0.01, 0.1, PATCHES)
+    moved, patch_variance = rng.normal(0, 1e-4, (PATCHES, 2)), rng.uniform(0.01, 0.1, PATCHES)  # far from the cutoff
     prior = np.diag(rng.uniform(1e2, 1e3, 6))
     biases = NuisanceBiases(kinds, BiasConfig())
     offsets = biases.offsets(np.arange(EDGES), np.full(EDGES, 0.2**2), shared)
@@ -87,3 +87,47 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
     marginal = np.linalg.inv(np.linalg.inv(dense)[:6, :6])
     np.testing.assert_allclose(found.step.information, marginal, rtol=1e-4, atol=1e-4 * np.abs(marginal).max())
     np.testing.assert_allclose(Pose(found.R, found.t).matrix, Pose.exp(found.step.to_fit).matrix, atol=1e-12)
+
+
+def weights_of_patches(points, moved_px, sigma_px):
+    """Weights of patches that are found beside their places, after a fit to patches and so many edge points."""
+    places = np.column_stack([np.linspace(-1, 1, PATCHES), np.linspace(-0.5, 0.5, PATCHES) ** 2, np.full(PATCHES, 4.0)])
+    observed = CAMERA.project(places)
+    observed[0] += moved_px
+    identity, first = (np.eye(3), np.zeros(3)), np.array([0, points]) if points else np.zeros(1, np.int64)
+    at = np.column_stack([np.linspace(-1, 1, points), np.ones(points), np.full(points, 4.0)])
+    normals = np.tile([0.0, 1.0], (points, 1))
+    measured = EdgeMeasurements(
+        ControlPoints(at, np.zeros((points, 3), np.int64), np.zeros(points, np.int64), first),
+        SearchLines(np.column_stack([CAMERA.project(at), normals]), np.zeros((points, 6)), np.ones(points, np.int64)),
+        Candidates(np.zeros((points, 2)), np.ones((points, 2))),
+        np.ones(points),
+        np.full(points, 0.01),
+    )
+    biases = NuisanceBiases(EdgeKinds(np.full(3, -1), np.ones(3), 0), BiasConfig())
+    rows = np.arange(len(first) - 1)
+    offsets = biases.offsets(rows, np.full(len(rows), 0.04**2), 0.5)
+    view = View(*identity, camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-1.0, -1.0, 1.0, 1.0]), 0.1)
+    found = refine(
+        measured,
+        PatchMatches(places, observed, np.ones(PATCHES), np.full(PATCHES, sigma_px**2)),
+        biases.at(offsets, *identity),
+        PosePrior(1e8 * np.eye(6), *identity),
+        view,
+        np.array([FINE_PX]),
+        kernel_values(EstimatorConfig()),
+    )
+    return found.weighting.patch_weight
+
+
+@pytest.mark.parametrize(("sigma_px", "kept"), [(0.15, False), (0.3, True)])
+def test_a_patch_six_standard_deviations_beside_its_place_is_none_of_the_structure_once_edges_tell_the_pose(
+    sigma_px, kept
+):
+    weights = weights_of_patches(10, 0.9 / np.sqrt(2), sigma_px)
+    assert (weights[0] > 0) == kept
+    assert (weights[1:] > 0.99).all()
+
+
+def test_where_patches_alone_tell_the_pose_those_farther_away_count():
+    assert weights_of_patches(0, 0.9 / np.sqrt(2), 0.15)[0] == pytest.approx((1 - 0.9**2 / FINE_PX**2) ** 2, rel=1e-3)

@@ -161,10 +161,20 @@ def add_points(
 
 
 @compiled(
-    "matches view f0 weighting sums", inner=True, matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS
+    "matches view f0 f0 weighting sums",
+    inner=True,
+    matches=PATCH_MATCHES,
+    view=VIEW,
+    weighting=WEIGHTING,
+    sums=FRAME_SUMS,
 )
-def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
-    """Weigh the patches at the view's pose by the biweight of cutoff width_px, and sum them up, in place."""
+def add_patches(
+    matches: PatchMatches, view: View, width_px: float, most_sigmas: float, weighting: Weighting, sums: FrameSums
+) -> None:
+    """Weigh the patches at the view's pose by the biweight, and sum them up, in place.
+
+    Its cutoff is width_px, and no more than so many standard deviations of a patch.
+    """
     places, R, t, lens = matches.places, view.R, view.t, view.lens
     P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
     correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
@@ -181,7 +191,7 @@ def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: W
             continue
         u, v = project(c[0], c[1], c[2], lens)
         ru, rv = observed[p, 0] - u, observed[p, 1] - v
-        cost = (ru * ru + rv * rv) / (width_px * width_px)
+        cost = (ru * ru + rv * rv) / min(width_px * width_px, most_sigmas**2 * variance_px2[p])
         if cost < 1.0:
             w = (1.0 - cost) * (1.0 - cost)
             weights[p] = w
@@ -317,7 +327,9 @@ def refine(
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
         add_points(measured, biases, now, width_px, weighting, sums)
-        add_patches(matches, now, width_px, weighting, sums)
+        # Once edges have told the pose, a patch that does not move with them is none of the structure's.
+        most_sigmas = EFFICIENT if n > 0 and width_px == widths_px[-1] else np.inf
+        add_patches(matches, now, width_px, most_sigmas, weighting, sums)
         if not solve_step(sums, biases, prior, now, step, config):
             break
         moved = se3_exp_left(R, t, step.to_fit)
