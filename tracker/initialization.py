@@ -13,7 +13,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.ranking import Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator

@@ -7,9 +7,9 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.doubts import ENOUGH, MOST_FRAMES, Doubts
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.tracker import Robust

@@ -8,7 +8,7 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.false_alarms import Chance, chance, log10_tail
+from uavbench.tracker.robust.fit.false_alarms import Chance, chance, log10_tail
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock

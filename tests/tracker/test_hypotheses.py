@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, look_at
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.false_alarms import Chance
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.false_alarms import Chance
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.ranking import UNKNOWNS, Contender, Likely, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState

@@ -7,8 +7,8 @@ from tests.tracker.synthetic import CAMERA, box, look_at
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.edges import SamplingConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 
 
 def cylinder(sides):

@@ -5,9 +5,9 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, look_at
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator

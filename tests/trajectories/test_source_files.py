@@ -62,7 +62,7 @@ def test_what_a_package_gives_on_demand_counts_where_the_package_itself_is_impor
 
 
 def test_a_kernel_does_not_depend_on_the_whole_project():
-    found = sources("uavbench.tracker.robust.edge_fit")
+    found = sources("uavbench.tracker.robust.fit.edge_fit")
     rooms = {path.as_posix().rpartition("/uavbench/")[2].partition("/")[0] for path in found}
     assert rooms <= {"__init__.py", "tracker", "scenes", "trajectories"}
 

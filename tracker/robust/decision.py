@@ -7,11 +7,11 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter, Memory
+from uavbench.tracker.robust.fit.edge_fit import MIN_POINTS, EdgeFitter, Memory
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.ranking import Contender, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator

@@ -6,9 +6,9 @@ import numpy as np
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import Motion
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
 from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio, compensated
 from uavbench.tracker.robust.relocalization.ranking import Likely

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 

@@ -9,10 +9,10 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision import Decider, Decision
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Frames
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock

@@ -5,9 +5,9 @@ compared, and judged, by a fitter that has learned nothing.
 """
 
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.stage_clock import StageClock

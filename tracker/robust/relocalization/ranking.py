@@ -8,8 +8,8 @@ import numpy as np
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_search import Candidate
 from uavbench.trajectories.pose import Array, Pose
 

@@ -14,9 +14,9 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import FAR_VIEW_RAD
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.pose_search import (
     CANDIDATES,

@@ -10,9 +10,9 @@ import numpy as np
 
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about

@@ -29,11 +29,9 @@ from uavbench.tracker.robust.edges.weight_kernels import (
     point_weights,
     support,
 )
-from uavbench.tracker.robust.false_alarms import Chance, chance
-from uavbench.tracker.robust.kernel_config import KernelConfig
-from uavbench.tracker.robust.patches.matches import PatchMatches
-from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
-from uavbench.tracker.robust.pose_fit import (
+from uavbench.tracker.robust.fit.false_alarms import Chance, chance
+from uavbench.tracker.robust.fit.kernel_config import KernelConfig
+from uavbench.tracker.robust.fit.pose_fit import (
     NO_MATCHES,
     NO_MEASUREMENTS,
     Aligned,
@@ -44,6 +42,8 @@ from uavbench.tracker.robust.pose_fit import (
     Searched,
     Solution,
 )
+from uavbench.tracker.robust.patches.matches import PatchMatches
+from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion

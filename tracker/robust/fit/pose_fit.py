@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.false_alarms import Chance
+from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step, Weighting
