@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
-from uavbench.tracker.robust.solver.solve_kernels import add_row
+from uavbench.tracker.robust.solver.sum_kernels import add_row
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 

@@ -1,0 +1,166 @@
+"""Compiled sums over the control points and patches of an image, weighted by Tukey's biweight.
+
+Poses are cam_from_world; twists are in the camera frame, translation first, in m and rad.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.geometry_kernels import normal_row
+from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
+from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
+from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
+from uavbench.tracker.robust.solver.bias_state import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
+from uavbench.tracker.robust.view import VIEW, View
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.lens import project
+from uavbench.trajectories.pose import Array
+
+EFFICIENT = 4.685
+"""Cutoff of the biweight in standard deviations, of 95 % efficiency for normal errors (Holland & Welsch 1977)."""
+
+
+class Weighting(NamedTuple):
+    """Residuals and weights of the M-estimator.
+
+    residual (n,) signed, px, infinite for points that are skipped; weight (n,) in [0, weight of the measurement];
+    patch_weight (m,) in [0, 1].
+    """
+
+    residual: Array
+    weight: Array
+    patch_weight: Array
+
+
+WEIGHTING = named_tuple(Weighting, "f1! f1! f1!")
+
+
+@compiled("f2! f1! f1 f0 f0", inner=True)
+def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
+    """Add the equation row (6,) . x = d of weight w to the normal equations A (6, 6), its lower half, and b (6,)."""
+    for i in range(6):
+        wi = w * row[i]
+        b[i] += wi * d
+        for j in range(i + 1):
+            A[i, j] += wi * row[j]
+
+
+@compiled("f2!", inner=True)
+def mirror(A: Array) -> None:
+    """Copy the lower half of a matrix (6, 6) to the upper one."""
+    for i in range(6):
+        for j in range(i):
+            A[j, i] = A[i, j]
+
+
+@compiled(
+    "measured biases view f0 weighting sums",
+    inner=True,
+    measured=EDGE_MEASUREMENTS,
+    biases=LOCAL_BIASES,
+    view=VIEW,
+    weighting=WEIGHTING,
+    sums=FRAME_SUMS,
+)
+def add_points(
+    measured: EdgeMeasurements,
+    biases: LocalBiases,
+    view: View,
+    width_px: float,
+    weighting: Weighting,
+    sums: FrameSums,
+) -> None:
+    """Weigh the control points at the view's pose by the biweight, and sum them up, in place.
+
+    Its cutoff is width_px; for points located by a single candidate it is EFFICIENT standard deviations of their
+    distance from the offset that their edge is known to have, if that is less.
+    """
+    points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
+    distance = measured.candidates.distance
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    E, e, R, t, lens = sums.edge_information, sums.edge_vector, view.R, view.t, view.lens
+    weight, variance_px2 = measured.weight, measured.variance_px2
+    weights, residual = weighting.weight, weighting.residual
+    for matrix in (E, s):
+        matrix[:] = 0.0
+    for column in (S, d, e):
+        column[:] = 0.0
+    row, c = np.empty(6), np.empty(3)
+    located = distance.shape[1] == 1
+    for g in range(len(first) - 1):
+        expected = biases.expected.px[g] if located else 0.0
+        for p in range(first[g], first[g + 1]):
+            weights[p], residual[p] = 0.0, np.inf
+            if weight[p] <= 0.0:
+                continue
+            for i in range(3):
+                c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
+            if c[2] < view.near:
+                continue
+            u, v = project(c[0], c[1], c[2], lens)
+            nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
+            moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
+            best, r_best = np.inf, np.inf
+            square_px2 = width_px * width_px
+            if located:
+                square_px2 = min(square_px2, EFFICIENT**2 * (variance_px2[p] + biases.expected.variance_px2[g]))
+            for candidate in range(distance.shape[1]):
+                r = distance[p, candidate] - moved
+                cost = (r - expected) ** 2 / square_px2
+                if cost < best:
+                    best, r_best = cost, r
+            residual[p] = r_best
+            if best < 1.0:
+                weights[p] = weight[p] * (1.0 - best) * (1.0 - best)
+                normal_row(c[0], c[1], c[2], nu, nv, lens, row)
+                w = weights[p] / variance_px2[p]
+                add_row(E, e, row, r_best, w)
+                S[g] += w
+                d[g] += w * r_best
+                for i in range(6):
+                    s[g, i] += w * row[i]
+    mirror(E)
+
+
+@compiled(
+    "matches view f0 f0 weighting sums",
+    inner=True,
+    matches=PATCH_MATCHES,
+    view=VIEW,
+    weighting=WEIGHTING,
+    sums=FRAME_SUMS,
+)
+def add_patches(
+    matches: PatchMatches, view: View, width_px: float, most_sigmas: float, weighting: Weighting, sums: FrameSums
+) -> None:
+    """Weigh the patches at the view's pose by the biweight, and sum them up, in place.
+
+    Its cutoff is width_px, and no more than so many standard deviations of a patch.
+    """
+    places, R, t, lens = matches.places, view.R, view.t, view.lens
+    P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
+    correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
+    P[:] = 0.0
+    q[:] = 0.0
+    row, c = np.empty(6), np.empty(3)
+    for p in range(len(places)):
+        weights[p] = 0.0
+        if correlation[p] <= 0.0:
+            continue
+        for i in range(3):
+            c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
+        if c[2] < view.near:
+            continue
+        u, v = project(c[0], c[1], c[2], lens)
+        ru, rv = observed[p, 0] - u, observed[p, 1] - v
+        cost = (ru * ru + rv * rv) / min(width_px * width_px, most_sigmas**2 * variance_px2[p])
+        if cost < 1.0:
+            w = (1.0 - cost) * (1.0 - cost)
+            weights[p] = w
+            normal_row(c[0], c[1], c[2], 1.0, 0.0, lens, row)
+            add_row(P, q, row, ru, w / variance_px2[p])
+            normal_row(c[0], c[1], c[2], 0.0, 1.0, lens, row)
+            add_row(P, q, row, rv, w / variance_px2[p])
+    mirror(P)
