@@ -7,7 +7,8 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.fit.edge_fit import MIN_POINTS, EdgeFitter, Memory
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance

@@ -2,7 +2,6 @@
 
 import copy
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,10 @@ from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.blur import Blur
-from uavbench.tracker.robust.edges.blur_kernels import excess_blur
-from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS, OUTSIDE, U, V
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, learn_squares, search, search_range
+from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
@@ -31,6 +29,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
 )
 from uavbench.tracker.robust.fit.false_alarms import Chance, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
+from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory, Seen, learn_edges, learn_patches
 from uavbench.tracker.robust.fit.pose_fit import (
     NO_MATCHES,
     NO_MEASUREMENTS,
@@ -56,22 +55,8 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
-MIN_POINTS = 6
-"""Least number of control points or patches for a fit, and of patches that make a wide search of edges unnecessary:
-these give two equations each, and thus twice as many as a pose has unknowns."""
 MOST_POINTS = 200
 """Approximate largest number of visible control points, beyond which long edges get fewer: limits their time."""
-TAKE_EVERY = 4
-"""Frames between searches for new patches while enough are found: limits their time."""
-
-
-class Memory(NamedTuple):
-    """What was learned: patches, biases, appearance of the edges, and in how many frames."""
-
-    texture: Texture
-    biases: NuisanceBiases
-    appearance: Array
-    frames: int
 
 
 class EdgeFitter:
@@ -336,29 +321,13 @@ class EdgeFitter:
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
-        used, pose, image = fit.residuals, fit.cam_from_world, layered(image)
-        if used is None:
+        if fit.residuals is None:
             return
-        lines, weighting = self.search_lines(used.points, self.view.at(pose)), used.weighting
-        rows, values = used.points.rows, self.values.appearance
-        near = np.abs(weighting.residual) < self.values.widths.last[-1]
-        distance = np.where(near, weighting.residual, np.inf)
-        learn_squares(lines, rows, distance, fit.covariance, self.appearance, values)
-        beside = np.abs(weighting.residual) < self.config.solver.estimator.trusted_px
-        learn(image, lines, rows, np.where(beside, weighting.weight, 0.0), self.appearance, values)
-        alone = np.where((used.steps == 1) & (weighting.weight > 0), distance, np.inf)
-        self.blur.learn(excess_blur(image, lines, rows, self.appearance, alone, self.blur.px), values.learning_rate)
-        faces = self.texture.patches.face[used.chosen[weighting.patch_weight > 0]]
-        hits = self.texture.count_hits(used.chosen, weighting.patch_weight, used.correlation)
-        if hits:
-            twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
-            self.texture.shift(faces, twist, pose)  # others keep their places: the frame says nothing of them
+        lines = self.search_lines(fit.residuals.points, self.view.at(fit.cam_from_world))
+        seen = Seen(layered(image), lines, fit.residuals)
+        learn_edges(self.appearance, self.blur, seen, fit.covariance, self.config, self.values)
         self.learned += 1
-        due = hits < MIN_POINTS or self.learned % TAKE_EVERY == 0
-        if due and hits < MOST_USED and fit.edge_support >= self.config.good_support:
-            if not hits:
-                self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
-            self.texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
+        learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
 
 
 def layered(image: Image) -> Image:
