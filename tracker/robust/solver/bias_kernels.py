@@ -65,6 +65,27 @@ def add_to_kind(state: BiasState, e: int, k: int, times: float, kinds: KindSums)
         kinds.cross[k, i] += state.signs[e] * part * state.cross[e, i]
 
 
+@compiled("state i1 f1 f0", state=BIAS_STATE)
+def prior_offsets(state: BiasState, rows: Indices, variance_px2: Array, shared_part: float) -> EdgeOffsets:
+    """Offsets of edges in view, rows (g,) of the state, with prior variances (g,).
+
+    shared_part: part of the variance that edges of a kind share; of a kind it is that of their mean.
+    """
+    own, shared = variance_px2.copy(), np.zeros(len(rows))
+    number, total = np.zeros(len(state.kind_prior)), np.zeros(len(state.kind_prior))
+    for g in range(len(rows)):
+        k = state.kinds[rows[g]]
+        if k >= 0:
+            number[k] += 1.0
+            total[k] += variance_px2[g]
+    for g in range(len(rows)):
+        k = state.kinds[rows[g]]
+        if k >= 0:
+            own[g] *= 1.0 - shared_part
+            shared[g] = shared_part * total[k] / number[k]
+    return EdgeOffsets(rows, own, shared)
+
+
 @compiled("state", state=BIAS_STATE)
 def explained_by_offsets(state: BiasState) -> Marginal:
     """Information and vector on D that marginalizing all offsets removes."""
@@ -202,9 +223,11 @@ def centre(state: BiasState, R: Array, t: Array) -> PatchError:
     explained = product(state.information, D)
     for i in range(6):
         state.vector[i] -= explained[i]
-        for e in range(len(state.offset_vector)):
+    for e in range(len(state.offset_vector)):
+        for i in range(6):
             state.offset_vector[e] -= state.cross[e, i] * D[i]
-        for k in range(len(state.kind_prior)):
+    for k in range(len(state.kind_prior)):
+        for i in range(6):
             spared.of_kinds.vector[k] -= spared.of_kinds.cross[k, i] * D[i]
     return PatchError(product(adjoint(R, t), D), Known(known, spared.of_kinds))
 

@@ -16,6 +16,7 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     explained_by_offsets,
     linearize,
     observability,
+    prior_offsets,
 )
 from uavbench.tracker.robust.solver.bias_state import BiasState, EdgeOffsets, FrameSums, Known, LocalBiases
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
@@ -39,14 +40,7 @@ class NuisanceBiases:
 
         shared_part: part of the variance that edges of a kind share; of a kind it is that of their mean.
         """
-        kinds = self.state.kinds[rows]
-        alike = kinds >= 0
-        number = np.bincount(kinds[alike], minlength=len(self.state.kind_prior))
-        total = np.bincount(kinds[alike], variance_px2[alike], len(self.state.kind_prior))
-        own, shared = variance_px2.copy(), np.zeros(len(rows))
-        own[alike] *= 1.0 - shared_part
-        shared[alike] = shared_part * (total / np.maximum(number, 1))[kinds[alike]]
-        return EdgeOffsets(rows, own, shared)
+        return prior_offsets(self.state, rows, variance_px2, shared_part)
 
     def at(self, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
         """The biases at a linearization point (R, t) with these edges in view."""

@@ -143,9 +143,10 @@ def marginalize(H: Array, h: Array, row: Array, value: float, variance: float) -
     row (n,): information between it and the others (Schur complement).
     """
     for i in range(len(h)):
+        part = row[i] * variance
         h[i] -= row[i] * value
         for j in range(i + 1):
-            H[i, j] -= row[i] * row[j] * variance
+            H[i, j] -= part * row[j]
 
 
 @compiled(
