@@ -69,14 +69,15 @@ class TrackState:
     def holds(self, fit: Fit, predicted: Motion, searched: bool, recent: bool) -> bool:
         """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt.
 
-        recent: whether the last pose is. What leaves no doubt of a fit that was searched is less likely to be chance,
-        among all the poses that were.
+        recent: whether the last pose is. A fit that was searched may have any support where hardly a pose among all
+        those of a search is expected to find as many of its edges by chance.
         """
         poses = SEARCHED_POSES if searched else HYPOTHESES
         if not fit.finite or fit.log10_false_alarms(poses) >= 0.0:
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
-        beyond_doubt = searched and fit.chance.edges + math.log10(poses) < self.config.loss.log10_false_alarms
+        by_chance = fit.chance.edges + math.log10(poses)
+        beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
 
     def may_begin_at(self, fit: Fit) -> bool:

@@ -1,4 +1,4 @@
-"""Compiled filter of the biases shared across frames: the pose error D of all patches (6), and one offset per edge (1).
+"""Compiled filter of the biases shared across frames: the pose error of all patches, offsets of edges and of kinds.
 
 What is a state, and what its information matrix looks like: `bias_state`.
 """
@@ -28,6 +28,8 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
+LEAST_OWN = 1e-3
+"""Least part of the variance of an offset that is an edge's own, so that its information is finite."""
 
 
 class Marginal(NamedTuple):
@@ -81,14 +83,14 @@ def prior_offsets(state: BiasState, rows: Indices, variance_px2: Array, shared_p
     for g in range(len(rows)):
         k = state.kinds[rows[g]]
         if k >= 0:
-            own[g] *= 1.0 - shared_part
+            own[g] *= max(LEAST_OWN, 1.0 - shared_part)
             shared[g] = shared_part * total[k] / number[k]
     return EdgeOffsets(rows, own, shared)
 
 
 @compiled("state", state=BIAS_STATE)
 def explained_by_offsets(state: BiasState) -> Marginal:
-    """Information and vector on D that marginalizing all offsets removes."""
+    """Information and vector on D that marginalizing all offsets removes, those of the kinds last."""
     A, v, count = np.zeros((6, 6)), np.zeros(6), len(state.kind_prior)
     kinds = KindSums(np.zeros(count), np.zeros((count, 6)), np.zeros(count))
     for e in range(len(state.offset_information)):
@@ -195,17 +197,17 @@ def accumulate(
         for j in range(6):
             state.information[i, j] += part * information[i, j]
     for g in range(len(edges.rows)):
-        k, left = edges.rows[g], sums.offset_residual[g]
+        e, left = edges.rows[g], sums.offset_residual[g]
         for i in range(6):
             left -= sums.offset_jacobian[g, i] * to_patches[i]
-        state.offset_prior[k] = 1.0 / edges.variance_px2[g]
-        if state.kinds[k] >= 0:
-            state.kind_prior[state.kinds[k]] = 1.0 / edges.kind_px2[g]
-        state.offset_information[k] += part * sums.offset_weight[g]
-        state.offset_vector[k] += part * left
+        state.offset_prior[e] = 1.0 / edges.variance_px2[g]
+        if state.kinds[e] >= 0:
+            state.kind_prior[state.kinds[e]] = 1.0 / edges.kind_px2[g]
+        state.offset_information[e] += part * sums.offset_weight[g]
+        state.offset_vector[e] += part * left
         row = product(X, sums.offset_jacobian[g])
         for i in range(6):
-            state.cross[k, i] += part * row[i]
+            state.cross[e, i] += part * row[i]
 
 
 @compiled("state f2 f1", state=BIAS_STATE)

@@ -10,7 +10,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.trajectories.pose import Array
 
 LENGTH_STEP = 0.01
-"""Relative difference of lengths below which edges count as equally long."""
+"""Relative width of the classes of lengths that count as equal."""
 DIRECTION_STEPS, BESIDE_STEP = 16, 0.137
 """Steps of a component of a unit vector; directions that structures have, as 0 and 1/2, lie within a step."""
 
@@ -42,7 +42,7 @@ class EdgeKinds(NamedTuple):
             [
                 np.round(np.log(lengths) / LENGTH_STEP),
                 np.where(signs[:, None] < 0, back, forward),
-                sides.reshape(len(lengths), -1),
+                sides.reshape(len(lengths), 12),
             ]
         )
         _, kind = np.unique(looks.astype(np.int64), axis=0, return_inverse=True)
