@@ -120,6 +120,16 @@ def test_a_wrong_pose_is_not_held_by_it(shift_m):
     assert not run.state.is_there(missed, replace(right, cam_from_world=wrong), recent=True)
 
 
+def after_three_frames():
+    """A run that has tracked a box for three frames, its prediction of the last one, and a fit from there."""
+    poses, images = flown(3, seed=11)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    for i, image in enumerate(images):
+        run.track(image, i * STEP_NS)
+    near = run.state.motion.predict(0.0, run.state.range_m, run.config.motion)
+    return run, near, run.fitter.fit(images[-1], near.cam_from_world, near.covariance, StageClock(), 5.0)
+
+
 @pytest.mark.parametrize(
     ("edge_support", "log10_edges", "recent", "goes_on"),
     [(0.6, -6.0, True, True), (0.6, -6.0, False, False), (0.4, -6.0, True, False), (0.6, -4.0, True, False)],
@@ -129,12 +139,7 @@ def test_patches_behind_an_occluder_say_nothing_against_half_of_the_edges(
     edge_support, log10_edges, recent, goes_on, was_lost
 ):
     """Also after a frame that was lost, as long as the last pose is recent."""
-    poses, images = flown(3, seed=11)
-    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
-    for i, image in enumerate(images):
-        run.track(image, i * STEP_NS)
-    near = run.state.motion.predict(0.0, run.state.range_m, run.config.motion)
-    fit = run.fitter.fit(images[-1], near.cam_from_world, near.covariance, StageClock(), 5.0)
+    run, near, fit = after_three_frames()
     fit = replace(fit, support=0.2, edge_support=edge_support, chance=Chance(log10_edges, log10_edges))
     run.state.is_lost = was_lost
     assert run.state.is_there(fit, near, recent) == goes_on
@@ -147,12 +152,7 @@ def test_a_searched_pose_of_little_support_holds_where_no_pose_of_the_search_fin
     log10_edges, holds, was_lost
 ):
     """An occluder that hides most of a structure takes support away; what is found all the same is no chance."""
-    poses, images = flown(3, seed=11)
-    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
-    for i, image in enumerate(images):
-        run.track(image, i * STEP_NS)
-    far = run.state.motion.predict(0.0, run.state.range_m, run.config.motion)
-    fit = run.fitter.fit(images[-1], far.cam_from_world, far.covariance, StageClock(), 5.0)
+    run, far, fit = after_three_frames()
     fit = replace(fit, support=0.35, edge_support=0.35, chance=Chance(log10_edges, log10_edges))
     far = replace(far, cam_from_world=Pose(np.eye(3), np.array([0.5, 0.0, 0.0])) @ far.cam_from_world)
     run.state.is_lost = was_lost
