@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uavbench.scenes.rendering.radiance import encode
-from uavbench.tracker.robust.edges.step_kernels import Strip, fit_step, learned_light
+from uavbench.tracker.robust.edges.step_kernels import Strip, fit_step, learned_light, room_for
 
 SIZE, FINE, BLUR_PX = 41, 8, 0.5
 DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
@@ -40,7 +40,7 @@ def strip(gap, distance, angle_deg, middle=0.3):
 
 
 def fit(image, lines, start, colour, blur_px=BLUR_PX):
-    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, blur_px), colour, np.empty((14, 14)))
+    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, blur_px), colour, room_for(6))
 
 
 def direction():

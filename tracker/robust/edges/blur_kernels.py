@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.step_kernels import LEAST_STEP, Strip, learned_light, solve, sums_of_steps
+from uavbench.tracker.robust.edges.step_kernels import LEAST_STEP, Strip, learned_light, room_for, solve, sums_of_steps
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -37,8 +37,8 @@ def excess_blur(
     where too few were measured.
     """
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
-    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), np.empty((size, size))
-    A, x = np.empty((COMPONENTS, COMPONENTS)), np.empty(COMPONENTS)
+    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS)
+    A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
     strip, alone = Strip(ALONG_PX, ALONG_PX, blur_px), 0
     for p in range(len(rows)):
         alone += int(distance[p] < np.inf)
@@ -58,13 +58,11 @@ def excess_blur(
         if n == 0:
             continue
         for i in range(COMPONENTS):  # the level is eliminated
-            x[i] = sums[size - 2, 2 * i] - sums[size - 1, size - 2] * sums[size - 1, 2 * i] / n
+            x[i] = products[size - 2, 2 * i] - products[size - 1, size - 2] * products[size - 1, 2 * i] / n
             for j in range(i + 1):
-                A[i, j] = sums[2 * i, 2 * j] - sums[size - 1, 2 * i] * sums[size - 1, 2 * j] / n
+                A[i, j] = products[2 * i, 2 * j] - products[size - 1, 2 * i] * products[size - 1, 2 * j] / n
                 A[j, i] = A[i, j]
-        if not solve(A, x):
-            continue
-        height = x[0] + x[1] + x[2]
+        height = x[0] + x[1] + x[2] if solve(A, x) >= 0.0 else 0.0
         if height > LEAST_STEP:
             mean = blur_px * (x[2] - x[0]) / height
             measured[known] = blur_px**2 * (x[2] + x[0]) / height - mean**2

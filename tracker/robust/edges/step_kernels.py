@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import cholesky
 from uavbench.tracker.robust.edges.columns import (
     NEGATIVE_COLOUR,
     NORMAL_U,
@@ -41,8 +40,11 @@ MAX_SHIFT_PX = 0.5
 """Largest shift: the linearized fit is valid within one standard deviation of the usual blur."""
 REACH_PX = 3
 """Pixels to either side of the edge on a scan line: fewer do not determine a step and two levels, more add little."""
+ACROSS = 2 * REACH_PX + 1
+"""Pixels of a scan line."""
 WIDTHS, STEPS_PER_WIDTH = 5, 64
-AT = np.arange(-WIDTHS * STEPS_PER_WIDTH, WIDTHS * STEPS_PER_WIDTH + 1) / STEPS_PER_WIDTH
+MIDDLE = WIDTHS * STEPS_PER_WIDTH
+AT = np.arange(-MIDDLE, MIDDLE + 1) / STEPS_PER_WIDTH
 STEP = np.array([0.5 * (1 + math.erf(s / math.sqrt(2))) for s in AT])
 SLOPE = np.exp(-0.5 * np.square(AT)) / math.sqrt(2 * math.pi)
 """H and H' at AT, in standard deviations of the blur."""
@@ -73,8 +75,37 @@ class Strip(NamedTuple):
     blur_px: float
 
 
+class Sums(NamedTuple):
+    """Arrays that a fit of up to k steps writes, made once for many fits.
+
+    terms (2 k + 2, ACROSS): H and H' of each step, the light, and 1, at the pixels of a scan line. products
+    (2 k + 2, 2 k + 2): its lower half is their sums over all pixels. A (k + 1, k + 1), x (k + 1,): normal equations of
+    the heights and the shift. height (k,).
+    """
+
+    terms: Array
+    products: Array
+    A: Array
+    x: Array
+    height: Array
+
+
 NO_STEP = Step(np.inf, np.inf)
 STRIP = named_tuple(Strip, "i0 i0 f0")
+SUMS = named_tuple(Sums, "f2! f2! f2! f1! f1!")
+
+
+@compiled("i0", inner=True)
+def room_for(steps: int) -> Sums:
+    """Arrays for fits of up to so many steps."""
+    size, unknowns = 2 * steps + 2, steps + 1
+    return Sums(
+        np.empty((size, ACROSS)),
+        np.empty((size, size)),
+        np.empty((unknowns, unknowns)),
+        np.empty(unknowns),
+        np.empty(steps),
+    )
 
 
 @compiled("f1 i0 f1!", inner=True)
@@ -95,14 +126,13 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f2! f0 strip f1 f2!", inner=True, strip=STRIP)
-def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Array) -> int:
+@compiled("u3 f2! f0 strip f1 sums", inner=True, strip=STRIP, sums=SUMS)
+def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> int:
     """Number of pixels around a control point whose steps and light are summed up.
 
     edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
     on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
-    over `along` px. sums: its first 2 k + 2 rows and columns get, in the lower half, the sums of the products of H and
-    H' of each step, of the light, and of 1.
+    over `along` px. The first 2 k + 2 rows and columns of the products in `sums` become those of these pixels.
     """
     h, w, channels = image.shape
     along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.blur_px
@@ -113,94 +143,102 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
         x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
     else:
         x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
-    steps, n = len(edges), 0
+    steps, lines, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
     size = 2 * steps + 2
-    term = np.empty(size)
-    for i in range(size):
-        for j in range(i + 1):
-            sums[i, j] = 0.0
+    terms, products = sums.terms, sums.products
+    products[:] = 0.0
     middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
     for k in range(-(along // every), along // every + 1):
         y = middle + k * every
         low = int(x0 - (y - y0) * ny / nx + 0.5) - REACH_PX
         if y < 0 or y >= height or low < 0 or low + 2 * REACH_PX >= width:
             continue
-        for x in range(low, low + 2 * REACH_PX + 1):
-            column, row = (x, y) if by_rows else (y, x)
-            for i in range(steps):
-                away = (column - edges[i, U]) * edges[i, NORMAL_U] + (row - edges[i, V]) * edges[i, NORMAL_V] - start
-                away *= widths_per_px
-                at = int((min(max(away, -WIDTHS), WIDTHS) + WIDTHS) * STEPS_PER_WIDTH + 0.5)
-                term[2 * i], term[2 * i + 1] = STEP[at], SLOPE[at] * widths_per_px
+        column, row = (low, y) if by_rows else (y, low)
+        for i in range(steps):
+            mu, mv = edges[i, NORMAL_U], edges[i, NORMAL_V]
+            away = (column - edges[i, U]) * mu + (row - edges[i, V]) * mv - start
+            first, each = away * rows_per_px + MIDDLE, (mu if by_rows else mv) * rows_per_px
+            for x in range(ACROSS):
+                at = int(min(max(first + x * each, 0.0), 2.0 * MIDDLE) + 0.5)
+                terms[2 * i, x], terms[2 * i + 1, x] = STEP[at], SLOPE[at] * widths_per_px
+        for x in range(ACROSS):
+            column, row = (low + x, y) if by_rows else (y, low + x)
             light = 0.0
-            for c in range(channels):
-                light += colour[c] * LIGHT[image[row, column, c]]
-            term[size - 2], term[size - 1] = light, 1.0
-            for i in range(size):
-                for j in range(i + 1):
-                    sums[i, j] += term[i] * term[j]
-            n += 1
-    return n
+            for c in range(3):
+                light += colour[c] * LIGHT[image[row, column, min(c, channels - 1)]]
+            terms[size - 2, x], terms[size - 1, x] = light, 1.0
+        for i in range(size):
+            for j in range(i + 1):
+                total = products[i, j]
+                for x in range(ACROSS):
+                    total += terms[i, x] * terms[j, x]
+                products[i, j] = total
+        lines += 1
+    return lines * ACROSS
 
 
 @compiled("f2! f1!", inner=True)
-def solve(A: Array, x: Array) -> bool:
-    """Solve A y = x in place: x becomes y, A its Cholesky factor; False where it is not positive."""
-    if not cholesky(A, A):
-        return False
-    n = len(x)
+def solve(A: Array, x: Array) -> float:
+    """Solve A y = x (n,) in place by A = L D L^T, and return x . y, NaN where A is not positive.
+
+    x becomes y, the lower half of A (n, n) becomes L D and its diagonal D^-1. A may have more rows and columns.
+    """
+    n, product = len(x), 0.0
     for i in range(n):
+        for j in range(i + 1):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k] * A[k, k]
+        if not A[i, i] > 0.0:
+            return math.nan
+        A[i, i] = 1.0 / A[i, i]
         for k in range(i):
             x[i] -= A[i, k] * x[k]
-        x[i] /= A[i, i]
+        product += x[i] * x[i] * A[i, i]
+        x[i] *= A[i, i]
     for i in range(n - 1, -1, -1):
         for k in range(i + 1, n):
-            x[i] -= A[k, i] * x[k]
-        x[i] /= A[i, i]
-    return True
+            x[i] -= A[i, i] * A[k, i] * x[k]
+    return product
 
 
-@compiled("u3 f2! f0 strip f1 f2!", inner=True, strip=STRIP)
-def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Array) -> Step:
+@compiled("u3 f2! f0 strip f1 sums", inner=True, strip=STRIP, sums=SUMS)
+def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> Step:
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 
     Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels.
     """
     steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
-    if n < 3 * (2 * REACH_PX + 1):
+    if n < 3 * ACROSS:
         return NO_STEP
-    last = 2 * steps + 1
+    products, last = sums.products, 2 * steps + 1
     for i in range(last):  # the level is eliminated
         for j in range(i + 1):
-            sums[i, j] -= sums[last, i] * sums[last, j] / n
-            sums[j, i] = sums[i, j]
-    light = 2 * steps
-    A, x, height = np.empty((steps + 1, steps + 1)), np.empty(steps + 1), np.zeros(steps)
-    shift, information, explained = 0.0, 0.0, 0.0
+            products[i, j] -= products[last, i] * products[last, j] / n
+            products[j, i] = products[i, j]
+    light, A, x, height = 2 * steps, sums.A, sums.x[: steps + 1], sums.height
+    for i in range(steps):
+        height[i] = 0.0
+    shift, explained = 0.0, 0.0
     for iteration in range(ITERATIONS):
         A[steps, steps] = x[steps] = 0.0
         for i in range(steps):
             at, slope = 2 * i, 2 * i + 1
-            x[i] = sums[at, light] - shift * sums[slope, light]
-            x[steps] -= height[i] * sums[slope, light]
+            x[i] = products[at, light] - shift * products[slope, light]
+            x[steps] -= height[i] * products[slope, light]
             A[steps, i] = 0.0
             for j in range(steps):
-                cross = sums[at, 2 * j + 1] - shift * sums[slope, 2 * j + 1]
+                cross = products[at, 2 * j + 1] - shift * products[slope, 2 * j + 1]
                 A[steps, i] -= height[j] * cross
-                A[steps, steps] += height[i] * height[j] * sums[slope, 2 * j + 1]
-                A[i, j] = sums[at, 2 * j] - shift * sums[slope, 2 * j] - shift * cross
+                A[steps, steps] += height[i] * height[j] * products[slope, 2 * j + 1]
+                A[i, j] = products[at, 2 * j] - shift * products[slope, 2 * j] - shift * cross
             A[i, i] += HEIGHT_INFORMATION
         if iteration == 0:
             A[steps, steps] = 1.0  # without heights the light says nothing of the shift, which stays 0
-        explained, right = 0.0, x.copy()
-        if not solve(A, x):
-            return NO_STEP
-        for i in range(steps + 1):
-            explained += right[i] * x[i]
+        explained = solve(A, x)
         for i in range(steps):
             height[i] = x[i]
-        shift, information = shift + x[steps], A[steps, steps] ** 2
-        if not abs(shift) < 2 * MAX_SHIFT_PX:  # it diverges
+        shift += x[steps]
+        if not (explained >= 0.0 and abs(shift) < 2 * MAX_SHIFT_PX):  # singular, or it diverges
             return NO_STEP
     whole = height[0]
     for i in range(1, steps):
@@ -209,5 +247,5 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
             whole += height[i]
     if not whole > LEAST_STEP:
         return NO_STEP
-    noise = max(0.0, sums[light, light] - explained) / (n - steps - 2)
-    return Step(start + shift, noise / information)
+    noise = max(0.0, products[light, light] - explained) / (n - steps - 2)
+    return Step(start + shift, noise * A[steps, steps])

@@ -17,6 +17,7 @@ from uavbench.tracker.robust.edges.step_kernels import (
     Strip,
     fit_step,
     learned_light,
+    room_for,
 )
 from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -85,7 +86,7 @@ def refine_subpixel(
     together = np.zeros(len(lines), np.int64)
     distance[:] = np.inf
     coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, blur_px), REACH_PX + CLEAR_WIDTHS * blur_px
-    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), np.empty((2 * MOST_STEPS + 2, 2 * MOST_STEPS + 2))
+    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS)
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0
         for p in range(first[g], first[g + 1]):
