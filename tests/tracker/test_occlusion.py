@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, NONE, Triangles, hidden, occluder
+from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, NONE, Triangles, hidden, occluder, sight_from
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.geometry.bvh_kernels import LEAF
 
@@ -16,7 +16,7 @@ def hides(corners, point, eye=EYE, face=None, beside=(-1, -2)):
     tree = build_tree(corners)
     face = np.arange(len(corners)) if face is None else np.asarray(face)
     eye, point = np.asarray(eye, float), np.asarray(point, float)
-    return bool(hidden(eye, point, Triangles.of(tree, face), *beside))
+    return bool(hidden(sight_from(eye), point, Triangles.of(tree, face), *beside))
 
 
 def crosses(corners, eye, point):
@@ -112,8 +112,8 @@ def test_the_triangle_that_is_tried_first_changes_no_answer():
     answers = []
     for _ in range(300):
         eye, point, beside = rng.uniform(-3, 3, 3), rng.uniform(-3, 3, 3), rng.integers(0, 4, 2)
-        answers.append(hidden(eye, point, tree, *beside))
-        assert [occluder(eye, point, tree, *beside, k) != NONE for k in range(12)] == [answers[-1]] * 12
+        answers.append(hidden(sight_from(eye), point, tree, *beside))
+        assert [occluder(sight_from(eye), point, tree, *beside, k) != NONE for k in range(12)] == [answers[-1]] * 12
     assert 0 < sum(answers) < 300
 
 

@@ -39,17 +39,35 @@ class Triangles(NamedTuple):
         return cls(np.array(tree.corners), np.array(face[tree.rows]), np.stack([tree.low, tree.high], axis=1), nodes)
 
 
+class Sight(NamedTuple):
+    """A viewpoint eye (3,), with the ray (3,) from it to a point and the stack (STACK,) of nodes to visit next.
+
+    Made once for all points: making the arrays takes longer than trying one triangle.
+    """
+
+    eye: Array
+    ray: Array
+    stack: NDArray[np.int64]
+
+
 TRIANGLES = named_tuple(Triangles, "f3! i1! f3! i2!")
+SIGHT = named_tuple(Sight, "f1! f1! i1!")
 
 
-@compiled("f1 f1 triangles i0 i0 i0", inner=True, triangles=TRIANGLES)
-def occluder(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
-    """A triangle that occludes a point (3,) of the edge between face_a and face_b from `eye` (3,), or NONE.
+@compiled("f1!", inner=True)
+def sight_from(eye: Array) -> Sight:
+    """Sight from a viewpoint (3,)."""
+    return Sight(eye, np.empty(3), np.empty(STACK, np.int64))
+
+
+@compiled("sight f1 triangles i0 i0 i0", inner=True, sight=SIGHT, triangles=TRIANGLES)
+def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
+    """A triangle that occludes a point (3,) of the edge between face_a and face_b, or NONE.
 
     likely: a triangle that is tried first, or NONE; neighbouring points mostly have the same one.
     """
     corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes
-    ray = np.empty(3)
+    eye, ray, stack = sight.eye, sight.ray, sight.stack
     for k in range(3):
         ray[k] = point[k] - eye[k]
     if likely != NONE and face[likely] != face_a and face[likely] != face_b:
@@ -58,7 +76,6 @@ def occluder(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b
             return likely
     tiny = 1e-300  # keeps 0 * inf out of the slab test below
     i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
-    stack = np.empty(STACK, np.int64)
     stack[0] = 0
     depth = 1
     while depth > 0:
@@ -86,7 +103,7 @@ def occluder(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b
     return NONE
 
 
-@compiled("f1 f1 triangles i0 i0", inner=True, triangles=TRIANGLES)
-def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
-    """Whether a triangle occludes a point (3,) of the edge between face_a and face_b from the viewpoint `eye` (3,)."""
-    return occluder(eye, point, triangles, face_a, face_b, NONE) != NONE
+@compiled("sight f1 triangles i0 i0", inner=True, sight=SIGHT, triangles=TRIANGLES)
+def hidden(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
+    """Whether a triangle occludes a point (3,) of the edge between face_a and face_b."""
+    return occluder(sight, point, triangles, face_a, face_b, NONE) != NONE

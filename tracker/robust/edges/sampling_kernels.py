@@ -24,7 +24,7 @@ from uavbench.tracker.robust.edges.columns import (
     V,
 )
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
-from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder
+from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder, sight_from
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
@@ -130,19 +130,31 @@ def points_on(length_px: float, spacing_px: float, dense_px: float) -> float:
 
 
 @compiled("f1 f0 f0 b0", inner=True)
+def points_on_all(length: Array, spacing_px: float, dense_px: float, rounded: bool) -> float:
+    """Number of points on all edges; rounded: each gets a whole number of them."""
+    total, whole = 0.0, 0
+    if rounded:
+        for e in range(len(length)):
+            whole += int(points_on(length[e], spacing_px, dense_px) + 0.5)
+        return float(whole)
+    for e in range(len(length)):
+        total += points_on(length[e], spacing_px, dense_px)
+    return total
+
+
+@compiled("f1 f0 f0 b0", inner=True)
 def dense_length(length: Array, spacing_px: float, wanted: float, rounded: bool) -> float:
     """Length in px up to which edges are sampled densely so that all get `wanted` points; MOST_LENGTH_PX for all.
 
-    rounded: each edge gets a whole number of points.
+    rounded: as of `points_on_all`.
     """
+    if points_on_all(length, spacing_px, MOST_LENGTH_PX, rounded) <= wanted:
+        return MOST_LENGTH_PX
     seen = length[length > 0.0]
     low, high = LEAST_LENGTH_PX, MOST_LENGTH_PX
-    for k in range(BISECTIONS):
-        middle, total = math.sqrt(low * high) if k else MOST_LENGTH_PX, 0.0
-        for e in range(len(seen)):
-            points = points_on(seen[e], spacing_px, middle)
-            total += int(points + 0.5) if rounded else points
-        if total > wanted:
+    for _ in range(1, BISECTIONS):
+        middle = math.sqrt(low * high)
+        if points_on_all(seen, spacing_px, middle, rounded) > wanted:
             high = middle
         else:
             low = middle
@@ -164,7 +176,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
         view.t,
         view.lens,
     )
-    eye, triangles, rounded = camera_centre(R, t), edges.triangles, edges.rounded
+    sight, triangles, rounded = sight_from(camera_centre(R, t)), edges.triangles, edges.rounded
     seen = visible_parts(edges, view)
     visible, part, depth, length = seen.faces, seen.part, seen.depth, seen.length_px
     n_edges = len(ends)
@@ -172,7 +184,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    all_fit = dense_length(length, spacing_px, float(most), True) >= MOST_LENGTH_PX
+    all_fit = points_on_all(length, spacing_px, MOST_LENGTH_PX, True) <= most
     wanted = float(most) if all_fit else FIRST_PART * most
     for sampling in range(1 if all_fit else 0, 2):
         dense_px = dense_length(length, spacing_px, wanted, sampling > 0)
@@ -197,7 +209,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                     continue
                 if n == len(points):
                     continue
-                found = occluder(eye, q, triangles, faces[e, 0], faces[e, 1], in_front[e])
+                found = occluder(sight, q, triangles, faces[e, 0], faces[e, 1], in_front[e])
                 if found != NONE:
                     in_front[e] = found
                     continue

@@ -10,7 +10,7 @@ from uavbench.tracker.geometry_kernels import camera_centre, normal_row
 from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.config.patches import AlignmentConfig
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
-from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.tracker.robust.edges.hidden_line_kernels import hidden, sight_from
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.patches.matches import (
     HALF,
@@ -140,12 +140,12 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) 
     rows = rows[:n]
     if n > most:
         sort_falling(rows, patches.hits)
-    shown = np.zeros(count, np.int64)
+    shown, sight = np.zeros(count, np.int64), sight_from(eye)
     m = 0
     for k in range(n):
         if m == most:
             break
-        if not hidden(eye, middles[rows[k]], edges.triangles, face[rows[k]], face[rows[k]]):
+        if not hidden(sight, middles[rows[k]], edges.triangles, face[rows[k]], face[rows[k]]):
             shown[rows[k]] = 1
             m += 1
     chosen = np.empty(m, np.int64)
