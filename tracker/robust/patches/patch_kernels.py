@@ -32,7 +32,7 @@ BORDER_PX = HALF + 2
 MAX_STEPS, SETTLED_TEXELS = 6, 0.02
 """An alignment ends with a step below a fifth of a patch's error, or after this many steps."""
 MAX_COARSE = 6
-"""Most patches of a frame with a coarse search, which samples a patch 49 times; an alignment does so 6 times."""
+"""Most patches of a frame with a coarse search, at 49 places: limits its time."""
 REACH_TEXELS = 6
 """Half width of the coarse search, in steps of two texels, and largest shift of an alignment: limits its time."""
 ALIGNMENT = kernel_type(AlignmentConfig)
@@ -41,57 +41,55 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 warp f0 f0 f2! f0", inner=True, warp=WARP)
-def sample_patch(image: Image, at: Warp, da: float, db: float, out: Array, least_grey: float) -> bool:
-    """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or with less contrast.
+class Likeness(NamedTuple):
+    """Correlation of grey values with the texels of a patch, their mean, and the scale that gives them norm 1.
+
+    Correlation -1 and scale 0 where they are not all in the image, or have less than the required contrast.
+    """
+
+    correlation: float
+    mean: float
+    scale: float
+
+
+@compiled("u3 warp f0 f0 f2!", inner=True, warp=WARP)
+def sample(image: Image, at: Warp, a: float, b: float, out: Array) -> None:
+    """Grey values (n, m) at steps of a texel from texel (a, b) of a patch, its centre at HALF; NaN outside the image.
 
     Uses the second channel of a colour image.
     """
-    u, v, A = at.u, at.v, at.A
-    h, w = image.shape[0], image.shape[1]
-    channel = 1 if image.shape[2] > 1 else 0
-    total = 0.0
-    u0 = u + A[0, 0] * (da - HALF) + A[0, 1] * (db - HALF)
-    v0 = v + A[1, 0] * (da - HALF) + A[1, 1] * (db - HALF)
-    for k in range(4):
-        x = u0 + A[0, 0] * (SIDE - 1) * (k & 1) + A[0, 1] * (SIDE - 1) * (k >> 1)
-        y = v0 + A[1, 0] * (SIDE - 1) * (k & 1) + A[1, 1] * (SIDE - 1) * (k >> 1)
-        if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
-            return False
-    for i in range(SIDE):
-        for j in range(SIDE):
-            x = u0 + A[0, 0] * j + A[0, 1] * i
-            y = v0 + A[1, 0] * j + A[1, 1] * i
+    (h, w, channels), (n, m) = image.shape, out.shape
+    channel = 1 if channels > 1 else 0
+    x_right, x_down, y_right, y_down = at.A[0, 0], at.A[0, 1], at.A[1, 0], at.A[1, 1]
+    u0 = at.u + x_right * (a - HALF) + x_down * (b - HALF)
+    v0 = at.v + y_right * (a - HALF) + y_down * (b - HALF)
+    for i in range(n):
+        for j in range(m):
+            x, y = u0 + x_right * j + x_down * i, v0 + y_right * j + y_down * i
+            if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
+                out[i, j] = math.nan
+                continue
             r, c = int(y), int(x)
-            b, a = y - r, x - c
-            value = (1 - b) * ((1 - a) * image[r, c, channel] + a * image[r, c + 1, channel]) + b * (
-                (1 - a) * image[r + 1, c, channel] + a * image[r + 1, c + 1, channel]
-            )
-            out[i, j] = value
-            total += value
+            below, right = y - r, x - c
+            upper = (1 - right) * image[r, c, channel] + right * image[r, c + 1, channel]
+            lower = (1 - right) * image[r + 1, c, channel] + right * image[r + 1, c + 1, channel]
+            out[i, j] = (1 - below) * upper + below * lower
+
+
+@compiled("f2 i0 i0 f2 f0", inner=True)
+def likeness(grey: Array, row: int, column: int, ref: Array, least_grey: float) -> Likeness:
+    """Likeness to the texels `ref` of the SIDE x SIDE grey values from a row and column on, of at least a contrast."""
+    total, squares, product = 0.0, 0.0, 0.0
+    for i in range(SIDE):
+        for j in range(SIDE):
+            value = grey[row + i, column + j]
+            total, squares, product = total + value, squares + value * value, product + value * ref[i, j]
     mean = total / (SIDE * SIDE)
-    power = 0.0
-    for i in range(SIDE):
-        for j in range(SIDE):
-            out[i, j] -= mean
-            power += out[i, j] * out[i, j]
-    if power < least_grey * least_grey * SIDE * SIDE:
-        return False
+    power = squares - total * mean
+    if not power >= least_grey * least_grey * SIDE * SIDE:
+        return Likeness(-1.0, mean, 0.0)
     scale = 1.0 / math.sqrt(power)
-    for i in range(SIDE):
-        for j in range(SIDE):
-            out[i, j] *= scale
-    return True
-
-
-@compiled("f2 f2", inner=True)
-def correlation(a: Array, b: Array) -> float:
-    """Sum of products of two patches."""
-    total = 0.0
-    for i in range(SIDE):
-        for j in range(SIDE):
-            total += a[i, j] * b[i, j]
-    return total
+    return Likeness(product * scale, mean, scale)
 
 
 @compiled("f1 f2 view alignment", inner=True, view=VIEW, alignment=ALIGNMENT)
@@ -171,7 +169,7 @@ def align(
     observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.empty(n)
     variance[:] = config.variance_px2
     reach = REACH_TEXELS
-    now = np.empty((SIDE, SIDE))
+    now, around = np.empty((SIDE, SIDE)), np.empty((SIDE + 2 * reach, SIDE + 2 * reach))
     coarse = 0
     for k in range(n):
         p = chosen[k]
@@ -188,12 +186,12 @@ def align(
         if best < config.min_correlation and coarse < MAX_COARSE:
             coarse += 1
             top, ta, tb = -1.0, 0, 0
-            for i in range(-reach, reach + 1, 2):
-                for j in range(-reach, reach + 1, 2):
-                    if sample_patch(image, at, float(j), float(i), now, least_grey):
-                        value = correlation(now, ref)
-                        if value > top:
-                            top, ta, tb = value, j, i
+            sample(image, at, -float(reach), -float(reach), around)
+            for i in range(0, 2 * reach + 1, 2):
+                for j in range(0, 2 * reach + 1, 2):
+                    value = likeness(around, i, j, ref, least_grey).correlation
+                    if value > top:
+                        top, ta, tb = value, j - reach, i - reach
             if top > 0.0:
                 other = _refine(image, at, float(ta), float(tb), ref, now, least_grey)
                 if other.correlation > best:
@@ -209,7 +207,7 @@ def align(
 
 @compiled("u3 warp f0 f0 f2 f2! f0", inner=True, warp=WARP)
 def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, least_grey: float) -> Shift:
-    """The shift that aligns a patch with its reference `ref`, starting from (da, db); its texels there go to `now`."""
+    """The shift that aligns a patch with its reference `ref`, starting from (da, db); grey values there go to `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9
     for i in range(1, SIDE - 1):
         for j in range(1, SIDE - 1):
@@ -221,14 +219,16 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
     if det < 1e-6 * (h00 + h11) ** 2:
         return Shift(da, db, -1.0, 0.0)
     reach = REACH_TEXELS
-    begin_a, begin_b = da, db
+    begin_a, begin_b, found = da, db, Likeness(-1.0, 0.0, 0.0)
     for _ in range(MAX_STEPS):
-        if not sample_patch(image, at, da, db, now, least_grey):
+        sample(image, at, da, db, now)
+        found = likeness(now, 0, 0, ref, least_grey)
+        if found.scale == 0.0:
             return Shift(da, db, -1.0, 0.0)
         ea, eb = 0.0, 0.0
         for i in range(1, SIDE - 1):
             for j in range(1, SIDE - 1):
-                e = now[i, j] - ref[i, j]
+                e = (now[i, j] - found.mean) * found.scale - ref[i, j]
                 ea += 0.5 * (ref[i, j + 1] - ref[i, j - 1]) * e
                 eb += 0.5 * (ref[i + 1, j] - ref[i - 1, j]) * e
         step_a, step_b = (h11 * ea - h01 * eb) / det, (h00 * eb - h01 * ea) / det
@@ -237,7 +237,7 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
             return Shift(da, db, -1.0, 0.0)
         if abs(step_a) + abs(step_b) < SETTLED_TEXELS:
             break
-    return Shift(da, db, correlation(now, ref), 0.5 * (h00 + h11) / det)
+    return Shift(da, db, found.correlation, 0.5 * (h00 + h11) / det)
 
 
 class Hits(NamedTuple):
