@@ -35,18 +35,13 @@ def noise_level(image: Image) -> float:
     counts = np.zeros(8 * 255 + 1, np.int64)
     total = 0
     for y in range(1, h - 1, ROWS_APART):
-        for x in range(1, w - 1):
-            sides = (
-                int(image[y - 1, x, c]) + int(image[y + 1, x, c]) + int(image[y, x - 1, c]) + int(image[y, x + 1, c])
-            )
-            corners = (
-                int(image[y - 1, x - 1, c])
-                + int(image[y - 1, x + 1, c])
-                + int(image[y + 1, x - 1, c])
-                + int(image[y + 1, x + 1, c])
-            )
-            counts[abs(4 * int(image[y, x, c]) - 2 * sides + corners)] += 1
-            total += 1
+        last, here = 0, 0
+        for x in range(w):
+            bend = int(image[y - 1, x, c]) - 2 * int(image[y, x, c]) + int(image[y + 1, x, c])
+            if x > 1:
+                counts[abs(last - 2 * here + bend)] += 1
+                total += 1
+            last, here = here, bend
     below, value = 0, 0
     while 2 * (below + counts[value]) < total:
         below += counts[value]
