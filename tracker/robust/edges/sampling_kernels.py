@@ -190,6 +190,8 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
         dense_px = dense_length(length, spacing_px, wanted, sampling > 0)
         n, left_over = 0, 0.5
         for e in range(n_edges):
+            if visible[e] == 0:
+                continue
             share = points_on(length[e], spacing_px, dense_px)
             count = int(share + 0.5)
             if sampling == 0 or (count == 0 and rounded[e]):  # the short edges of a round outline share their points
