@@ -138,8 +138,8 @@ def points_on_all(length: Array, spacing_px: float, dense_px: float, rounded: bo
             whole += int(points_on(length[e], spacing_px, dense_px) + 0.5)
         return float(whole)
     for e in range(len(length)):
-        total += points_on(length[e], spacing_px, dense_px)
-    return total
+        total += points_on(length[e], 1.0, dense_px)
+    return total / spacing_px
 
 
 @compiled("f1 f0 f0 b0", inner=True)
