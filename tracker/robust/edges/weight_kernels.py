@@ -198,6 +198,21 @@ class Support(NamedTuple):
     edges: float
 
 
+@compiled("measured f1 f2 f0", measured=EDGE_MEASUREMENTS)
+def found_parts(measured: EdgeMeasurements, weights: Array, appearance: Array, weak_step: float) -> Array:
+    """Part (n,) of each control point that was found, by its weight (n,) in the M-estimator, > 0 for inliers."""
+    parts = np.zeros(len(weights))
+    for p in range(len(weights)):
+        if not weights[p] > 0.0:
+            continue
+        parts[p] = weights[p] / measured.weight[p]
+        if not appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
+            # a match by a weak step of an edge without learned appearance is unreliable
+            step = measured.candidates.contrast[p].max()
+            parts[p] *= step * step / (step * step + weak_step * weak_step)
+    return parts
+
+
 @compiled("measured f1 f1 f1 f1 f2 f0", measured=EDGE_MEASUREMENTS)
 def support(
     measured: EdgeMeasurements,
@@ -213,17 +228,9 @@ def support(
     counts (n,): how much each control point counts; weights (n,), patch_weights (m,): weights of the M-estimator, > 0
     for inliers; correlation (m,): < 0 for patches that were not searched.
     """
-    have, want = 0.0, 0.0
+    have, want, parts = 0.0, 0.0, found_parts(measured, weights, appearance, weak_step)
     for p in range(len(weights)):
-        want += counts[p]
-        if not weights[p] > 0.0:
-            continue
-        found = counts[p] * weights[p] / measured.weight[p]
-        if not appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
-            # a match by a weak step of an edge without learned appearance is unreliable
-            step = measured.candidates.contrast[p].max()
-            found *= step * step / (step * step + weak_step * weak_step)
-        have += found
+        have, want = have + counts[p] * parts[p], want + counts[p]
     edges = have / max(1.0, want)
     for p in range(len(patch_weights)):
         if patch_weights[p] > 0.0:

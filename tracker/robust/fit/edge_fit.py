@@ -21,6 +21,7 @@ from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
     edge_spacing,
+    found_parts,
     known_rows,
     offset_variances,
     point_variances,
@@ -270,6 +271,11 @@ class EdgeFitter:
             searched,
         )
         return fit.at(estimate, unlocated)
+
+    def found_parts(self, searched: Searched) -> Array:
+        """Part (n,) of each control point that a search found."""
+        found = searched.found
+        return found_parts(found.measured, found.estimate.weighting.weight, self.appearance, self.weak_step)
 
     def chance_of(self, searched: Searched, weighting: Weighting) -> Chance:
         """How easily a random pose would find as much as these weights say was found."""

@@ -143,15 +143,15 @@ class Ranking:
         The lead is larger where the run has several hypotheses, whose frames look alike.
         """
         lead = self.config.lead if len(self.likely) > 1 else self.config.lead_of_rivals
-        return self.worth(self.top.support, self.top.cam_from_world) - lead
+        return self.worth(self.top.compared_support, self.top.cam_from_world) - lead
 
     def contenders(self) -> tuple[Contender, ...]:
         """The fits that may be right, the best first; of those that end at about the same pose only one."""
-        least, found = self.top.support - self.config.lead, list[Contender]()
+        least, found = self.top.compared_support - self.config.lead, list[Contender]()
         for fit in self.fits:
-            if fit.support > least:
+            if fit.compared_support > least:
                 prior = self.prior(fit.cam_from_world)
-                found.append(Contender(fit, fit.support + max(prior), prior.index(max(prior))))
+                found.append(Contender(fit, fit.compared_support + max(prior), prior.index(max(prior))))
         found.sort(key=lambda each: -each.worth)
         kept: list[Contender] = []
         for each in found:

@@ -7,11 +7,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
+from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
-from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.fit.pose_fit import Fit, Searched
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
@@ -19,7 +21,7 @@ from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Ranki
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Array, Pose
 
 SHARED = 48
 """Number of edge points by which shifts of the structure are scored, spread over all visible edges."""
@@ -39,6 +41,13 @@ class Compared(NamedTuple):
 
     any: bool = False
     left: tuple[Fit, ...] = ()
+
+
+class SharedPoints(NamedTuple):
+    """Part (n,) of each control point that was found, and the mask (n,) of those that a rival shares."""
+
+    parts: Array
+    shared: NDArray[np.bool_]
 
 
 class Rivals:
@@ -68,22 +77,22 @@ class Rivals:
     def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> Compared:
         """Fit the rivals of the best fit, and recursively those of a better rival.
 
-        In a thorough search those without room are taken for as good as the best that were fitted, or, if these were
+        In a thorough search those without room are taken for as good as the best that were fitted and, if these were
         fewer than half, as the fit that they look like.
         """
-        clock, fits, compared = StageClock(), [ranking.top], Compared()
+        fits, compared = [ranking.top], Compared()
         while rivals := self.of(sought, ranking, tried):
             top, made = ranking.top, list[Fit]()
             for pose in rivals:
                 if not self.fitter.has_room_for(1):
                     break
-                covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
-                fit = self.fitter.searched(sought.image, Pose(*pose), covariance, clock, self.searcher.half_px)
-                tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
+                fit = self.fitted(sought, ranking.top, pose)
+                tried.add(pose, 0.0, motion(fit.cam_from_world), fit.compared_support)
                 tried.rivals = tried.rivals.added(pose)
                 made.append(fit)
             fits += [fit for fit in made if fit.finite]
-            most = max(fit.support for fit in made) if 2 * len(made) >= len(rivals) else top.support
+            known = made if 2 * len(made) >= len(rivals) else [top, *made]
+            most = max(fit.support for fit in known)
             left = [replace(top, cam_from_world=Pose(*pose), support=most) for pose in rivals[len(made) :]]
             left = left if sought.thorough else []
             ranking.fits += [*(fit for fit in made if fit.finite), *left]
@@ -94,9 +103,48 @@ class Rivals:
         self.made = len(fits) - 1
         return compared
 
+    def fitted(self, sought: Sought, top: Fit, pose: RigidMotion) -> Fit:
+        """The better of two fits of a rival: from anywhere near, and from its pose, known as well as the top is."""
+        best = None
+        for sigma in (self.config.found_sigma, self.fitter.config.initialization.sigma):
+            if best is not None and not self.fitter.has_room_for(1):
+                break
+            covariance = isotropic_covariance(sigma, sought.range_m)
+            fit = self.fitter.searched(sought.image, Pose(*pose), covariance, StageClock(), self.searcher.half_px)
+            if best is None or (fit.finite and not best.support >= fit.support):
+                best = fit
+        assert best is not None
+        return replace(best, credit=self.credit(top, best, pose)) if best.finite else best
+
+    def credit(self, top: Fit, rival: Fit, pose: RigidMotion) -> float:
+        """Support that a rival lacks although the image is the same: that of the points that it shares with the top.
+
+        The points of the one that the shift between them brings onto edges are the other's. Where more of them are
+        found at the top, as its edges were seen before or its fit was repeated, this does not speak against the rival.
+        """
+        if top.searched is None or rival.searched is None:
+            return 0.0
+        at = top.cam_from_world
+        shift = at.rotation.T @ (at.translation - pose.t)
+        there, here = self.points(top.searched, shift), self.points(rival.searched, -shift)
+        if not (there.shared.any() and here.shared.any()):
+            return 0.0
+        counts = rival.searched.problem.counts
+        part = np.average(there.parts[there.shared], weights=top.searched.problem.counts[there.shared])
+        lacking = (counts * (part - here.parts))[here.shared].sum()
+        searched = np.count_nonzero(rival.searched.aligned.matches.correlation >= 0)
+        return max(0.0, float(lacking / max(1.0, counts.sum() + searched)))
+
+    def points(self, searched: Searched, shift: Array) -> SharedPoints:
+        """Which parts of a fit's control points were found, and which of them a shift (3,) brings onto edges."""
+        points, ends = searched.problem.points, self.fitter.edges.ends
+        along = ends[points.keys[:, EDGE], 1] - ends[points.keys[:, EDGE], 0]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        return SharedPoints(self.fitter.found_parts(searched), self.similarity.on_edges(points.points + shift, along))
+
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
         """Rank the fit of highest worth first; among those of about equal worth, the one nearest to the prediction."""
-        worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
+        worth = [ranking.worth(fit.compared_support, fit.cam_from_world) for fit in fits]
         least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
@@ -136,7 +184,7 @@ class Rivals:
     def trail_left(self, ranking: Ranking, compared: Compared) -> bool:
         """Whether the best fit has clearly more worth than the rivals that were left are taken to have."""
         least = ranking.outdone
-        return all(ranking.worth(fit.support, fit.cam_from_world) <= least for fit in compared.left)
+        return all(ranking.worth(fit.compared_support, fit.cam_from_world) <= least for fit in compared.left)
 
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
         """Whether the best fit has clearly more worth than those that converged to other poses in this search."""

@@ -53,6 +53,12 @@ class SelfSimilarity:
             return np.zeros(len(self.shifts))
         return np.asarray(shares_on_edges(self.shifts, points, direction_numbers(along), self.cell, self.passed))
 
+    def on_edges(self, points: Array, along: Array) -> NDArray[np.bool_]:
+        """Mask (n,) of the points (n, 3) that lie on an edge of their unit direction along (n, 3)."""
+        keys = cell_keys(points, direction_numbers(along), self.cell)
+        at = np.minimum(np.searchsorted(self.passed, keys), len(self.passed) - 1)
+        return np.asarray(self.passed[at] == keys)
+
     def _repetitions(self, middles: Array, along: Array, lengths: Array) -> Array:
         """Shifts (k, 3) and their opposites, by descending length of edges that they map onto others."""
         alike = np.column_stack([np.round(np.log(lengths) / LENGTH_STEP), direction_numbers(along)]).astype(np.int64)
