@@ -109,3 +109,16 @@ def test_the_foot_of_a_rib_does_not_look_like_its_top():
     assert at(1, 2) == at(0, 1) != -1  # a corner of the same faces, to the left
     assert at(1.5, 2) == at(4, 1) != -1
     assert at(1, 1) == at(1.5, 1) == -1
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("turned_deg", [0.0, 30.0, 45.0, 60.0, 90.0])
+def test_rounding_of_a_models_vertices_does_not_part_a_kind(turned_deg, seed):
+    """Vertices written with three decimals: directions that structures have lie well within a class."""
+    plain = boxes(np.zeros(3), SHIFT)
+    turn = trimesh.transformations.rotation_matrix(np.radians(turned_deg), [0.0, 0.0, 1.0])[:3, :3]
+    noise = np.random.default_rng(seed).uniform(-5e-4, 5e-4, plain.vertices.shape)
+    turned = Structure.from_mesh(plain.vertices @ turn.T + noise, plain.triangles)
+    kinds = [EdgeKinds.of(EdgeMap.of(each, 35.0)) for each in (plain, turned)]
+    assert len(kinds[0].kinds) == len(kinds[1].kinds)
+    assert kinds[1].number == kinds[0].number > 0

@@ -84,21 +84,21 @@ def test_the_arrow_is_solved_as_the_whole_system_is(kinds):
     np.testing.assert_allclose(twist, X[1] @ solution[:6], rtol=1e-6, atol=1e-12)
     schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
     np.testing.assert_allclose(common.known.information, schur, rtol=1e-8)
-    every = np.arange(EDGES)
-    at = common.at(common.offsets(every, spread, SHARED), second.rotation, second.translation)
-    here, n = np.linalg.inv(X[1]), kinds.number
-    ties = np.zeros((EDGES, n))
-    ties[every[at.kinds >= 0], at.kinds[at.kinds >= 0]] = at.ties[at.kinds >= 0]
-    shared = np.diag(at.of_kinds.information + np.abs(ties).sum(axis=0))
-    offsets = np.block([[np.diag(at.offset_information), -ties], [-ties.T, shared]])
-    cross, vector = np.vstack([at.cross, at.of_kinds.cross]), np.concatenate([at.offset_vector, at.of_kinds.vector])
-    left = at.information - cross.T @ np.linalg.solve(offsets, cross)
-    np.testing.assert_allclose(left, here.T @ schur @ here, rtol=1e-6)
-    expected = np.linalg.solve(offsets, vector)
-    np.testing.assert_allclose(at.vector, cross.T @ expected, rtol=1e-6)  # centred: nothing is expected of D
-    np.testing.assert_allclose(expected[:EDGES], solution[6:], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(at.expected.px, solution[6:], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(at.expected.variance_px2, np.diag(np.linalg.inv(offsets))[:EDGES], rtol=1e-6)
+    for view in (np.arange(EDGES), np.array([0, 3, 5]), np.array([1, 2, 4, 6]), np.array([6]), np.arange(0)):
+        at = common.at(common.offsets(view, spread[view], SHARED), second.rotation, second.translation)
+        here, n, few = np.linalg.inv(X[1]), len(at.of_kinds.information), len(view)
+        ties = np.zeros((few, n))
+        ties[np.flatnonzero(at.kinds >= 0), at.kinds[at.kinds >= 0]] = at.ties[at.kinds >= 0]
+        shared = np.diag(at.of_kinds.information + np.abs(ties).sum(axis=0))
+        offsets = np.block([[np.diag(at.offset_information), -ties], [-ties.T, shared]])
+        cross, vector = np.vstack([at.cross, at.of_kinds.cross]), np.concatenate([at.offset_vector, at.of_kinds.vector])
+        left = at.information - cross.T @ np.linalg.solve(offsets, cross)
+        np.testing.assert_allclose(left, here.T @ schur @ here, rtol=1e-6)  # whichever edges are in view
+        expected = np.linalg.solve(offsets, vector)
+        np.testing.assert_allclose(at.vector, cross.T @ expected, rtol=1e-6, atol=1e-9)  # nothing is expected of D
+        np.testing.assert_allclose(expected[:few], solution[6 + view], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(at.expected.px, solution[6 + view], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(at.expected.variance_px2, np.diag(np.linalg.inv(offsets))[:few], rtol=1e-6)
 
 
 def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():

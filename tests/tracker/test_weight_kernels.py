@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from uavbench.tracker.robust.config.edges import AppearanceConfig, WeightConfig
+from uavbench.tracker.robust.edges.columns import OUTSIDE
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import learn_squares
 from uavbench.tracker.robust.edges.weight_kernels import (
@@ -176,3 +177,19 @@ def test_an_edge_across_does_not_disturb():
     at, first = parallel_edges([0.0, 3.0], [0.0, 0.0], 6.0, 4)
     at.lines[4:, 2:] = [1.0, 0.0]
     assert edge_spacing(at, first, 8.0) == pytest.approx([8.0] * 8)
+
+
+def test_an_edge_a_part_of_which_is_hidden_reaches_no_farther_for_that():
+    """Two of its points are 200 px apart since a tree hides what is between; the other edge is there, and sees none."""
+    at, first = parallel_edges([0.0, 3.0], [0.0, 100.0], 6.0, 4)
+    at.lines[1:4, 0] = [200.0, 206.0, 212.0]
+    assert edge_spacing(at, first, 8.0) == pytest.approx([8.0] * 8)
+
+
+def test_points_outside_the_image_and_edges_of_one_point_disturb_where_they_are_alone():
+    at, first = parallel_edges([0.0, 3.0], [0.0, 0.0], 6.0, 4)
+    at.side[5:] = OUTSIDE
+    assert edge_spacing(at, first, 2.0) == pytest.approx([2.0] * 8)
+    assert edge_spacing(at, first, 8.0) == pytest.approx([3.0, 3.0, 8.0, 8.0, 3.0, 8.0, 8.0, 8.0])
+    alone, first = parallel_edges([0.0, 3.0], [0.0, 0.0], 6.0, 1)
+    assert edge_spacing(alone, first, 8.0) == pytest.approx([3.0] * 2)

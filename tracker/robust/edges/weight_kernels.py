@@ -44,11 +44,14 @@ Indices = NDArray[np.int64]
 
 @compiled("f2 i1 i0", inner=True)
 def half_spacing(lines: Array, first: Indices, g: int) -> float:
-    """Half the distance in px between the control points of an edge, 0 of a single one."""
-    p = first[g]
-    if first[g + 1] - p < 2:
-        return 0.0
-    return 0.5 * math.hypot(lines[p + 1, U] - lines[p, U], lines[p + 1, V] - lines[p, V])
+    """Half the least distance in px between successive control points of an edge, 0 of a single one.
+
+    Where something hides a part of the edge, the points to either side of it are farther apart.
+    """
+    least = math.inf
+    for p in range(first[g], first[g + 1] - 1):
+        least = min(least, math.hypot(lines[p + 1, U] - lines[p, U], lines[p + 1, V] - lines[p, V]))
+    return 0.5 * least if least < math.inf else 0.0
 
 
 @compiled("lines i1 f0", lines=SEARCH_LINES)

@@ -137,13 +137,13 @@ def linearize(state: BiasState, known: Known, edges: EdgeOffsets, R: Array, t: A
         kinds[g], ties[g] = local[k], state.signs[e] * own
         if state.offset_information[e] > 0.0:  # less what this edge says itself
             add_to_kind(state, e, kinds[g], -1.0, of_kinds)
-    in_view = of_kinds.information[:count].copy(), of_kinds.cross[:count].copy(), of_kinds.vector[:count].copy()
     back = transposed(R)
     centre = product(back, t)
     for i in range(3):
         centre[i] = -centre[i]
     X = transposed(adjoint(back, centre))
-    cross, of_kinds = each_mapped(X, cross), KindSums(in_view[0], each_mapped(X, in_view[1]), in_view[2])
+    cross, own, kind_vector = each_mapped(X, cross), of_kinds.information[:count].copy(), of_kinds.vector[:count].copy()
+    of_kinds = KindSums(own, each_mapped(X, of_kinds.cross[:count]), kind_vector)
     expected = expected_offsets(information, vector, kinds, ties, of_kinds)
     return LocalBiases(congruence(X, A), product(X, v), cross, information, vector, kinds, ties, of_kinds, expected)
 

@@ -10,9 +10,9 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.trajectories.pose import Array
 
 LENGTH_STEP = 0.01
-"""Relative width of the classes of lengths that count as equal."""
-DIRECTION_STEPS, BESIDE_STEP = 16, 0.137
-"""Steps of a component of a unit vector; directions that structures have, as 0 and 1/2, lie within a step."""
+"""Relative difference between a length and the next greater one from which on they are not equal."""
+DIRECTION_STEPS = 16
+"""Steps of a component of a unit vector; those that structures have, as 0, 1/2 and 0.71, lie well within a step."""
 
 Indices = NDArray[np.int64]
 
@@ -38,17 +38,12 @@ class EdgeKinds(NamedTuple):
         sides = np.concatenate([numbers(normals), numbers(edges.inward)], axis=2)
         swapped = _less(sides[:, 1], sides[:, 0])
         sides[swapped] = sides[swapped][:, ::-1]
-        looks = np.column_stack(
-            [
-                np.round(np.log(lengths) / LENGTH_STEP),
-                np.where(signs[:, None] < 0, back, forward),
-                sides.reshape(len(lengths), 12),
-            ]
-        )
-        _, kind = np.unique(looks.astype(np.int64), axis=0, return_inverse=True)
+        looks = np.column_stack([np.where(signs[:, None] < 0, back, forward), sides.reshape(len(lengths), 12)])
+        _, look = np.unique(looks, axis=0, return_inverse=True)
+        kind = _split(look.ravel(), np.log(lengths[:, 0]), LENGTH_STEP)
         faces = np.tile(np.arange(1, BOTH_FACES + 1), (len(lengths), 1))
         faces[swapped] = faces[swapped][:, [1, 0, 2]]
-        kind = (kind.reshape(-1, 1) * BOTH_FACES + faces - 1).ravel()
+        kind = (kind[:, None] * BOTH_FACES + faces - 1).ravel()
         members = np.bincount(kind)
         numbered = np.where(members > 1, np.cumsum(members > 1) - 1, -1)
         return cls(numbered[kind], np.repeat(signs, BOTH_FACES), int(np.count_nonzero(members > 1)))
@@ -56,7 +51,16 @@ class EdgeKinds(NamedTuple):
 
 def numbers(directions: Array) -> Indices:
     """Whole numbers of the components of unit vectors, equal for those of about one direction."""
-    return np.round(directions * DIRECTION_STEPS + BESIDE_STEP).astype(np.int64)
+    return np.round(directions * DIRECTION_STEPS).astype(np.int64)
+
+
+def _split(groups: Indices, values: Array, step: float) -> Indices:
+    """Groups (n,), split where sorted values (n,) differ from the next by more than a step: no bin parts equal ones."""
+    order = np.lexsort([values, groups])
+    apart = (np.diff(groups[order]) != 0) | (np.diff(values[order]) > step)
+    split = np.zeros(len(groups), dtype=np.int64)
+    split[order[1:]] = np.cumsum(apart)
+    return split
 
 
 def _less(a: Indices, b: Indices) -> NDArray[np.bool_]:

@@ -21,6 +21,8 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 ESTIMATOR = kernel_type(EstimatorConfig)
+UNKNOWNS = 6
+"""Unknowns of a pose, of which a control point tells one."""
 
 Indices = NDArray[np.int64]
 
@@ -118,8 +120,6 @@ def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array
         for i in range(6):
             rows[k, 6 + i] = of_kinds.cross[k, i]
     for g in range(len(S)):
-        if S[g] <= 0.0 and cross[g, 0] == 0.0:
-            continue
         for i in range(6):
             row[i], row[6 + i] = s[g, i], cross[g, i]
         scale = 1.0 / (biases.offset_information[g] + S[g])
@@ -184,7 +184,8 @@ def refine(
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
         add_points(measured, biases, now, width_px, weighting, sums)
         # Once edges have told the pose, a patch that does not move with them is none of the structure's.
-        most_sigmas = EFFICIENT if n > 0 and width_px == widths_px[-1] else np.inf
+        told = np.count_nonzero(weighting.weight) >= UNKNOWNS and width_px == widths_px[-1]
+        most_sigmas = EFFICIENT if told else np.inf
         add_patches(matches, now, width_px, most_sigmas, weighting, sums)
         if not solve_step(sums, biases, prior, now, step, config):
             break
