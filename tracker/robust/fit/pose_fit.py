@@ -109,7 +109,6 @@ class Fit:
     support in [0, 1]: weighted inlier ratio of the control points and patches; edge_support: of the control points
     alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any; chance: bounds on
     the probability that a random pose finds as much. searched: what it is based on; None without control points.
-    credit: support that it is given where it is compared with a pose that looks alike.
     """
 
     cam_from_world: Pose
@@ -124,17 +123,11 @@ class Fit:
     chance: Chance = CERTAIN
     residuals: FitResiduals | None = None
     searched: Searched | None = None
-    credit: float = 0.0
 
     @property
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
-
-    @property
-    def compared_support(self) -> float:
-        """Support for comparisons: its own and its credit."""
-        return self.support + self.credit
 
     @property
     def focus(self) -> Array | None:

@@ -83,6 +83,7 @@ class Ranking:
         near = [*(each.predicted.cam_from_world for each in self.likely), *sought.recalled]
         self.from_near = [pose.inverse() for pose in near]
         self.fits: list[Fit] = []
+        self.credits: dict[Fit, float] = {}
         self.range_m = sought.range_m
         self.information = np.linalg.inv(sought.covariance)
         self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
@@ -126,6 +127,10 @@ class Ranking:
         """Worth of a pose before this frame under each hypothesis."""
         return [each.prior(pose, self.config.lead) for each in self.likely]
 
+    def compared(self, fit: Fit) -> float:
+        """Support of a fit in comparisons with others: its own, and what it is credited with."""
+        return fit.support + self.credits.get(fit, 0.0)
+
     def worth(self, support: float, pose: Pose) -> float:
         """Support at a pose, and its worth before this frame under the likeliest hypothesis."""
         return support + max(self.prior(pose))
@@ -143,15 +148,15 @@ class Ranking:
         The lead is larger where the run has several hypotheses, whose frames look alike.
         """
         lead = self.config.lead if len(self.likely) > 1 else self.config.lead_of_rivals
-        return self.worth(self.top.compared_support, self.top.cam_from_world) - lead
+        return self.worth(self.compared(self.top), self.top.cam_from_world) - lead
 
     def contenders(self) -> tuple[Contender, ...]:
         """The fits that may be right, the best first; of those that end at about the same pose only one."""
-        least, found = self.top.compared_support - self.config.lead, list[Contender]()
+        least, found = self.compared(self.top) - self.config.lead, list[Contender]()
         for fit in self.fits:
-            if fit.compared_support > least:
+            if self.compared(fit) > least:
                 prior = self.prior(fit.cam_from_world)
-                found.append(Contender(fit, fit.compared_support + max(prior), prior.index(max(prior))))
+                found.append(Contender(fit, self.compared(fit) + max(prior), prior.index(max(prior))))
         found.sort(key=lambda each: -each.worth)
         kept: list[Contender] = []
         for each in found:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
@@ -44,10 +43,10 @@ class Compared(NamedTuple):
 
 
 class SharedPoints(NamedTuple):
-    """Part (n,) of each control point that was found, and the mask (n,) of those that a rival shares."""
+    """Control points that another pose shares: what each counts (n,) in the support, and which part (n,) was found."""
 
+    counts: Array
     parts: Array
-    shared: NDArray[np.bool_]
 
 
 class Rivals:
@@ -86,13 +85,13 @@ class Rivals:
             for pose in rivals:
                 if not self.fitter.has_room_for(1):
                     break
-                fit = self.fitted(sought, ranking.top, pose)
-                tried.add(pose, 0.0, motion(fit.cam_from_world), fit.compared_support)
+                made.append(fit := self.fitted(sought, pose))
+                ranking.credits[fit] = self.lacking(fit, top, pose)
+                tried.add(pose, 0.0, motion(fit.cam_from_world), ranking.compared(fit))
                 tried.rivals = tried.rivals.added(pose)
-                made.append(fit)
             fits += [fit for fit in made if fit.finite]
             known = made if 2 * len(made) >= len(rivals) else [top, *made]
-            most = max(fit.support for fit in known)
+            most = max(map(ranking.compared, known))
             left = [replace(top, cam_from_world=Pose(*pose), support=most) for pose in rivals[len(made) :]]
             left = left if sought.thorough else []
             ranking.fits += [*(fit for fit in made if fit.finite), *left]
@@ -103,7 +102,7 @@ class Rivals:
         self.made = len(fits) - 1
         return compared
 
-    def fitted(self, sought: Sought, top: Fit, pose: RigidMotion) -> Fit:
+    def fitted(self, sought: Sought, pose: RigidMotion) -> Fit:
         """The better of two fits of a rival: from anywhere near, and from its pose, known as well as the top is."""
         best = None
         for sigma in (self.config.found_sigma, self.fitter.config.initialization.sigma):
@@ -114,37 +113,40 @@ class Rivals:
             if best is None or (fit.finite and not best.support >= fit.support):
                 best = fit
         assert best is not None
-        return replace(best, credit=self.credit(top, best, pose)) if best.finite else best
+        return best
 
-    def credit(self, top: Fit, rival: Fit, pose: RigidMotion) -> float:
-        """Support that a rival lacks although the image is the same: that of the points that it shares with the top.
+    def lacking(self, rival: Fit, top: Fit, pose: RigidMotion) -> float:
+        """Support, at least 0, that the fit of a rival at a pose lacks although it shows the same pixels as the top.
 
         The points of the one that the shift between them brings onto edges are the other's. Where more of them are
         found at the top, as its edges were seen before or its fit was repeated, this does not speak against the rival.
         """
-        if top.searched is None or rival.searched is None:
+        if top.searched is None or rival.searched is None or not rival.finite:
             return 0.0
         at = top.cam_from_world
         shift = at.rotation.T @ (at.translation - pose.t)
-        there, here = self.points(top.searched, shift), self.points(rival.searched, -shift)
-        if not (there.shared.any() and here.shared.any()):
+        there, here = self.shared(top.searched, shift), self.shared(rival.searched, -shift)
+        if not (there.counts.any() and here.counts.any()):
             return 0.0
-        counts = rival.searched.problem.counts
-        part = np.average(there.parts[there.shared], weights=top.searched.problem.counts[there.shared])
-        lacking = (counts * (part - here.parts))[here.shared].sum()
-        searched = np.count_nonzero(rival.searched.aligned.matches.correlation >= 0)
-        return max(0.0, float(lacking / max(1.0, counts.sum() + searched)))
+        lacking = here.counts.sum() * np.average(there.parts, weights=there.counts) - here.counts @ here.parts
+        patches = np.count_nonzero(rival.searched.aligned.matches.correlation >= 0)
+        return max(0.0, float(lacking / max(1.0, rival.searched.problem.counts.sum() + patches)))
 
-    def points(self, searched: Searched, shift: Array) -> SharedPoints:
-        """Which parts of a fit's control points were found, and which of them a shift (3,) brings onto edges."""
-        points, ends = searched.problem.points, self.fitter.edges.ends
-        along = ends[points.keys[:, EDGE], 1] - ends[points.keys[:, EDGE], 0]
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
-        return SharedPoints(self.fitter.found_parts(searched), self.similarity.on_edges(points.points + shift, along))
+    def shared(self, searched: Searched, shift: Array) -> SharedPoints:
+        """The control points that a shift (3,) brings onto edges."""
+        points, counts = searched.problem.points, searched.problem.counts
+        onto = self.similarity.on_edges(points.points + shift, self.along(searched))
+        return SharedPoints(counts[onto], self.fitter.found_parts(searched)[onto])
+
+    def along(self, searched: Searched) -> Array:
+        """Unit directions (n, 3) of the edges of control points."""
+        ends = self.fitter.edges.ends[searched.problem.points.keys[:, EDGE]]
+        along = ends[:, 1] - ends[:, 0]
+        return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
 
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
         """Rank the fit of highest worth first; among those of about equal worth, the one nearest to the prediction."""
-        worth = [ranking.worth(fit.compared_support, fit.cam_from_world) for fit in fits]
+        worth = [ranking.worth(ranking.compared(fit), fit.cam_from_world) for fit in fits]
         least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
@@ -163,9 +165,8 @@ class Rivals:
         """Poses at which the structure looks as at the best fit and which may be the right one, most likely first."""
         fit, config = ranking.top, self.config.similarity
         pose = motion(fit.cam_from_world)
-        seen = self.searcher.seen(pose)
-        tried.seen = seen.points
-        shares = self.similarity.shares(seen.points[:SHARED], seen.direction[:SHARED])
+        tried.seen = self.searcher.seen(pose).points
+        shares = self.shares(fit)
         self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling
         places = [
             RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
@@ -181,10 +182,22 @@ class Rivals:
                 known = known.added(places[k])
         return found
 
+    def shares(self, fit: Fit) -> Array:
+        """Part (k,) of what was found that each shift of the structure explains as well.
+
+        Of a wrong pose it is all; of what was not found there, the true one may show nothing.
+        """
+        if fit.searched is None:
+            return np.zeros(len(self.similarity.shifts))
+        points, found = fit.searched.problem.points.points, fit.searched.found.estimate.weighting.weight > 0
+        some = np.flatnonzero(found)
+        some = some[np.linspace(0, len(some) - 1, min(len(some), SHARED)).round().astype(np.int64)]
+        return self.similarity.shares(points[some], self.along(fit.searched)[some])
+
     def trail_left(self, ranking: Ranking, compared: Compared) -> bool:
         """Whether the best fit has clearly more worth than the rivals that were left are taken to have."""
         least = ranking.outdone
-        return all(ranking.worth(fit.compared_support, fit.cam_from_world) <= least for fit in compared.left)
+        return all(ranking.worth(ranking.compared(fit), fit.cam_from_world) <= least for fit in compared.left)
 
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
         """Whether the best fit has clearly more worth than those that converged to other poses in this search."""
