@@ -14,8 +14,9 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
-from uavbench.tracker.robust.relocalization.ranking import UNKNOWNS, Contender, Likely, Sought
+from uavbench.tracker.robust.relocalization.ranking import Contender, Likely, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose

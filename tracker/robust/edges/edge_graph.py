@@ -56,6 +56,11 @@ class EdgeMap(NamedTuple):
             np.full(len(structure.edges), NONE),
         )
 
+    def directions(self, edges: Indices) -> Array:
+        """Unit directions (n, 3) of edges, rows (n,)."""
+        along = self.ends[edges, 1] - self.ends[edges, 0]
+        return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+
 
 EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! i1!", triangles=TRIANGLES)
 

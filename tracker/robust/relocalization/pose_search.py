@@ -259,10 +259,9 @@ class PoseSearch:
         """Points on the edges visible at a pose, in the image and its margin; any leading subset covers all of them."""
         points = sample_edges(self.edges, self.view.to(pose.R, pose.t), SPACING_PX, EDGE_POINTS)
         spread_out = np.argsort(np.arange(len(points.points)) * GOLDEN % 1.0)
-        places, ends = points.points[spread_out], self.edges.ends[points.keys[spread_out, EDGE]]
-        along = ends[:, 1] - ends[:, 0]
+        places = points.points[spread_out]
         focus = places.mean(axis=0) if len(places) else np.zeros(3)
-        return SeenEdges(places, along / np.linalg.norm(along, axis=1, keepdims=True), focus)
+        return SeenEdges(places, self.edges.directions(points.keys[spread_out, EDGE]), focus)
 
     def turned(self, candidate: Candidate, block: Block) -> RigidMotion:
         """The pose of a candidate, rotated around the centre of its visible edges to a block's viewing direction."""

@@ -11,12 +11,11 @@ from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
 from uavbench.tracker.robust.relocalization.pose_search import Candidate
+from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.trajectories.pose import Array, Pose
 
 MOST_CONTENDERS = 7
 """Hypotheses that are kept at a time: a pose and its nearest rivals."""
-UNKNOWNS = 6
-"""Degrees of freedom of a pose, the expectation of its squared Mahalanobis distance."""
 
 
 SEARCHED_POSES = 1_000_000

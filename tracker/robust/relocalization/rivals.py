@@ -140,9 +140,7 @@ class Rivals:
 
     def along(self, searched: Searched) -> Array:
         """Unit directions (n, 3) of the edges of control points."""
-        ends = self.fitter.edges.ends[searched.problem.points.keys[:, EDGE]]
-        along = ends[:, 1] - ends[:, 0]
-        return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+        return self.fitter.edges.directions(searched.problem.points.keys[:, EDGE])
 
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
         """Rank the fit of highest worth first; among those of about equal worth, the one nearest to the prediction."""

@@ -22,7 +22,7 @@ from uavbench.trajectories.pose import Array
 
 ESTIMATOR = kernel_type(EstimatorConfig)
 UNKNOWNS = 6
-"""Unknowns of a pose, of which a control point tells one."""
+"""Unknowns of a pose, of which a control point tells one; the expectation of its squared Mahalanobis distance."""
 
 Indices = NDArray[np.int64]
 
