@@ -235,6 +235,21 @@ def eliminate(M: Array, N: Array) -> None:
                     N[r, j] -= f * N[i, j]
 
 
+@compiled("f2 f1 f2 f1 f2")
+def squared_mahalanobis(R: Array, t: Array, R_to: Array, t_to: Array, covariance: Array) -> float:
+    """Squared Mahalanobis distance of a pose (R_to, t_to) from (R, t) with a covariance (6, 6) of its twist.
+
+    Infinite where the covariance is not positive definite.
+    """
+    away, x = se3_log_left(R, t, R_to, t_to), np.empty(6)
+    if not solve6(covariance, away, x):
+        return math.inf
+    square = 0.0
+    for i in range(6):
+        square += away[i] * x[i]
+    return square
+
+
 @compiled("f2")
 def inverse6(A: Array) -> Array:
     """Inverse of a symmetric positive definite matrix (6, 6); NaN if it is not positive definite."""

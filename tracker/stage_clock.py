@@ -1,8 +1,21 @@
 """Wall-clock time of the stages of one frame."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+
+
+class Stage:
+    """Context whose duration is added to a stage of `ms`; a class, since a generator takes three times as long."""
+
+    __slots__ = ("begin", "ms", "name")
+
+    def __init__(self, ms: dict[str, float], name: str) -> None:
+        self.ms, self.name = ms, name
+
+    def __enter__(self) -> None:
+        self.begin = time.perf_counter()
+
+    def __exit__(self, *error: object) -> None:
+        self.ms[self.name] = self.ms.get(self.name, 0.0) + (time.perf_counter() - self.begin) * 1e3
 
 
 class StageClock:
@@ -11,11 +24,6 @@ class StageClock:
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> Stage:
         """Context whose duration is added to a stage."""
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - begin) * 1e3
+        return Stage(self.ms, name)

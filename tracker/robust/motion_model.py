@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import se3_exp_left, se3_log_left
+from uavbench.tracker.geometry_kernels import se3_exp_left, se3_log_left, squared_mahalanobis
 from uavbench.tracker.robust.config.robust import MotionConfig
 from uavbench.trajectories.pose import Array, Pose
 
@@ -50,10 +50,9 @@ class Motion:
         return float(np.sqrt(variance))
 
     def squared_mahalanobis(self, cam_from_world: Pose) -> float:
-        """Squared Mahalanobis distance of a pose from this one; LinAlgError where the covariance is singular."""
-        at = self.cam_from_world
-        away = se3_log_left(at.rotation, at.translation, cam_from_world.rotation, cam_from_world.translation)
-        return float(away @ np.linalg.solve(self.covariance, away))
+        """Squared Mahalanobis distance of a pose from this one, inf where the covariance is not positive definite."""
+        at, to = self.cam_from_world, cam_from_world
+        return squared_mahalanobis(at.rotation, at.translation, to.rotation, to.translation, self.covariance)
 
     def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
         """Motion at a new pose, dt_s after this one; the velocity is kept if dt_s is 0."""

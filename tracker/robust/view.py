@@ -40,11 +40,11 @@ class View(NamedTuple):
 
     def at(self, pose: Pose) -> "View":
         """The same camera at a pose (cam_from_world)."""
-        return self._replace(R=np.array(pose.rotation), t=np.array(pose.translation))
+        return self.to(np.array(pose.rotation), np.array(pose.translation))
 
     def to(self, R: Array, t: Array) -> "View":
         """The same camera at cam_from_world (R, t), in writable arrays."""
-        return self._replace(R=R, t=t)
+        return View(R, t, self.lens, self.size_px, self.bounds_px, self.near)
 
 
 VIEW = named_tuple(View, "f2! f1! f1! f1! f1! f0")
