@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import camera_centre, normal_row
 from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.config.patches import AlignmentConfig
-from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
-from uavbench.tracker.robust.edges.hidden_line_kernels import hidden, sight_from
+from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles, hidden, sight_from
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.patches.matches import (
     HALF,
@@ -23,6 +22,7 @@ from uavbench.tracker.robust.patches.matches import (
     Warp,
 )
 from uavbench.tracker.robust.view import VIEW, View
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
@@ -35,6 +35,8 @@ MAX_COARSE = 6
 """Most patches of a frame with a coarse search, at 49 places: limits its time."""
 REACH_TEXELS = 6
 """Half width of the coarse search, in steps of two texels, and largest shift of an alignment: limits its time."""
+LEAST_AGE_S = 1e-3
+"""Least age of a patch, s: a patch of the current frame has a small but positive weight."""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
@@ -50,6 +52,16 @@ class Likeness(NamedTuple):
     correlation: float
     mean: float
     scale: float
+
+
+class Ages(NamedTuple):
+    """The present time, and the age at which the variance of a patch is twice that of an old one, s."""
+
+    now_s: float
+    young_s: float
+
+
+AGES = named_tuple(Ages, "f0 f0")
 
 
 @compiled("u3 warp f0 f0 f2!", inner=True, warp=WARP)
@@ -113,10 +125,13 @@ def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> War
     return Warp(u, v, A, 1.0 < area * config.max_area_change < config.max_area_change * config.max_area_change)
 
 
-@compiled("patches i0 edges view i0", patches=PATCHES, edges=EDGE_MAP, view=VIEW)
-def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) -> Indices:
-    """Sorted rows of at most `most` of the first `count` patches that are visible at a pose: those found most often."""
-    middles, face, planes = patches.middles, patches.face, edges.planes
+@compiled("patches i0 f2 triangles view i0", patches=PATCHES, triangles=TRIANGLES, view=VIEW)
+def choose(patches: Patches, count: int, planes: Array, triangles: Triangles, view: View, most: int) -> Indices:
+    """Sorted rows of at most `most` of the first `count` patches that are visible at a pose: those found most often.
+
+    planes (f, 4), triangles: those of the structure, see `EdgeMap`.
+    """
+    middles, face = patches.middles, patches.face
     R, t, cam, size = view.R, view.t, view.lens, view.size_px
     eye = camera_centre(R, t)
     rows = np.empty(count, np.int64)
@@ -143,7 +158,7 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) 
     for k in range(n):
         if m == most:
             break
-        if not hidden(sight, middles[rows[k]], edges.triangles, face[rows[k]], face[rows[k]]):
+        if not hidden(sight, middles[rows[k]], triangles, face[rows[k]], face[rows[k]]):
             shown[rows[k]] = 1
             m += 1
     chosen = np.empty(m, np.int64)
@@ -155,14 +170,14 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) 
     return chosen
 
 
-@compiled("u3 patches i1 view f0 alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
+@compiled("u3 patches i1 ages view f0 alignment", patches=PATCHES, ages=AGES, view=VIEW, alignment=ALIGNMENT)
 def align(
-    image: Image, patches: Patches, chosen: Indices, view: View, least_grey: float, config: AlignmentConfig
+    image: Image, patches: Patches, chosen: Indices, ages: Ages, view: View, least_grey: float, config: AlignmentConfig
 ) -> PatchMatches:
     """Matches of the chosen patches (m,) near their projections in a view, of at least a contrast in grey levels.
 
     Patches whose scale has changed too much since their creation are not searched. The variance grows with the
-    difference between a patch and its reference.
+    difference between a patch and its reference, and is larger for new patches.
     """
     n = len(chosen)
     places = np.empty((n, 3))
@@ -202,6 +217,8 @@ def align(
             observed[k, 1] = at.v + A[1, 0] * da + A[1, 1] * db
             area = abs(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
             variance[k] += 2.0 * (1.0 - best) / (SIDE * SIDE) * spread * area
+    for k in range(n):
+        variance[k] *= 1.0 + ages.young_s / max(ages.now_s - patches.taken_s[chosen[k]], LEAST_AGE_S)
     return PatchMatches(places, observed, score, variance)
 
 

@@ -19,7 +19,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.corner_kernels import KeepOut, first_hit, strong_pixels
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
-from uavbench.tracker.robust.patches.patch_kernels import align, choose, count_hits, shift_places
+from uavbench.tracker.robust.patches.patch_kernels import Ages, align, choose, count_hits, shift_places
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose
 
@@ -33,8 +33,6 @@ MAX_MISSES = 6
 """A patch missed in more frames than this is removed: limits the time spent on vanished patches."""
 FIRST_SPOTS = 400
 """Start positions of the corner detection while there are no patches yet."""
-LEAST_AGE_S = 1e-3
-"""Least age of a patch, s: a patch of the current frame has a small but positive weight."""
 SPACING_PX = float(SIDE)
 """Least distance between patches, so that they do not overlap. Measured around a box 2.5 m away: patches 6 px apart
 drift.
@@ -61,13 +59,12 @@ class Texture:
 
     def choose(self, view: View) -> None:
         """Select the patches to search in a view: on visible faces, inside the image, those with most hits first."""
-        self.chosen = choose(self.patches, self.count, self.edges, view, MOST_USED)
+        self.chosen = choose(self.patches, self.count, self.edges.planes, self.edges.triangles, view, MOST_USED)
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
-        found = align(image, self.patches, self.chosen, view, self.noise_grey, self.alignment)
-        age_s = np.maximum(self.now_s - self.patches.taken_s[self.chosen], LEAST_AGE_S)
-        return found._replace(variance_px2=found.variance_px2 * (1 + self.young_s / age_s))
+        ages = Ages(self.now_s, self.young_s)
+        return align(image, self.patches, self.chosen, ages, view, self.noise_grey, self.alignment)
 
     def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
         """Number of the chosen patches (m,) that were inliers; those missed too often are removed.
