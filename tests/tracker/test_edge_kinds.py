@@ -80,7 +80,7 @@ def test_normals_and_visible_faces_of_a_kind_are_the_same_apart_from_the_sign(se
     camera = dataclasses.replace(CAMERA, fx=8000.0, fy=8000.0)
     view = View.of(camera, boxes((0.0, 0.0, 0.0), SHIFT)).at(pose)
     points = sample_edges(edges, view, 6.0, 400)
-    normals = search_lines(points, edges, view).lines[:, [NORMAL_U, NORMAL_V]]
+    normals = search_lines(points, edges.ends, edges.inward, view).lines[:, [NORMAL_U, NORMAL_V]]
     rows = points.keys[:, EDGE] * BOTH_FACES + points.keys[:, FACES] - 1
     seen = np.unique(kinds.kinds[rows])
     assert len(seen) == 9  # the edges of a box that are seen from a corner of it

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.solver.bias_kernels import observability
+from uavbench.tracker.robust.solver.bias_kernels import linearize, observability
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
@@ -85,7 +85,8 @@ def test_the_arrow_is_solved_as_the_whole_system_is(kinds):
     schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
     np.testing.assert_allclose(common.known.information, schur, rtol=1e-8)
     for view in (np.arange(EDGES), np.array([0, 3, 5]), np.array([1, 2, 4, 6]), np.array([6]), np.arange(0)):
-        at = common.at(common.offsets(view, spread[view], SHARED), second.rotation, second.translation)
+        seen = common.seen_with(common.offsets(view, spread[view], SHARED))
+        at = linearize(seen, second.rotation, second.translation)
         here, n, few = np.linalg.inv(X[1]), len(at.of_kinds.information), len(view)
         ties = np.zeros((few, n))
         ties[np.flatnonzero(at.kinds >= 0), at.kinds[at.kinds >= 0]] = at.ties[at.kinds >= 0]

@@ -66,7 +66,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
     found = refine(
         measured,
         matches,
-        biases.at(offsets, *identity),
+        biases.seen_with(offsets),
         PosePrior(prior, *identity),
         view,
         np.array([LINEAR_PX]),
@@ -111,7 +111,7 @@ def weights_of_patches(points, moved_px, sigma_px):
     found = refine(
         measured,
         PatchMatches(places, observed, np.ones(PATCHES), np.full(PATCHES, sigma_px**2)),
-        biases.at(offsets, *identity),
+        biases.seen_with(offsets),
         PosePrior(1e8 * np.eye(6), *identity),
         view,
         np.array([FINE_PX]),

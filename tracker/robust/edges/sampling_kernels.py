@@ -222,10 +222,13 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     return by_edge(points[:n].copy(), keys[:n].copy())
 
 
-@compiled("points edges view", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)
-def search_lines(points: ControlPoints, edges: EdgeMap, view: View) -> SearchLines:
-    """Search lines of control points at a pose; marked as outside within MARGIN_PX of the image border."""
-    places, keys, ends, inward = points.points, points.keys, edges.ends, edges.inward
+@compiled("points f3! f3! view", points=CONTROL_POINTS, view=VIEW)
+def search_lines(points: ControlPoints, ends: Array, inward: Array, view: View) -> SearchLines:
+    """Search lines of control points at a pose; marked as outside within MARGIN_PX of the image border.
+
+    ends, inward: those of all edges, see `EdgeMap`.
+    """
+    places, keys = points.points, points.keys
     n, R, t, lens, size, near = len(places), view.R, view.t, view.lens, view.size_px, view.near
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)

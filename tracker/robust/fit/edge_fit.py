@@ -127,12 +127,36 @@ class EdgeFitter:
 
         half_px: largest half length of the search lines, None for no limit.
         """
-        return self.located(self.searched(image, predicted, covariance, clock, half_px), clock)
+        found = self.search(image, predicted, covariance, clock, half_px)
+        if isinstance(found, Fit):
+            return found
+        at = self.locate(found, clock) if self.sharp else unlocated(found)
+        with clock.stage("support"):
+            return self.judge(found, at)
 
     def searched(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
     ) -> Fit:
         """As `fit`, but to the matches of a search alone: with the same support, in half the time."""
+        found = self.search(image, predicted, covariance, clock, half_px)
+        if isinstance(found, Fit):
+            return found
+        with clock.stage("support"):
+            return self.judge(found, unlocated(found))
+
+    def located(self, fit: Fit, clock: StageClock) -> Fit:
+        """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
+        if fit.searched is None or not self.sharp:
+            return fit
+        at = self.locate(fit.searched, clock)
+        with clock.stage("support"):
+            best = self.judge(fit.searched, at)
+            return replace(best, support=fit.support, edge_support=fit.edge_support, found=fit.found)
+
+    def search(
+        self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
+    ) -> Searched | Fit:
+        """Matches of a search, and the estimate from them; a fit without support where too little is in view."""
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
@@ -141,20 +165,13 @@ class EdgeFitter:
         if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         aligned = self.align(problem, most_px, clock)
-        found = self.update(problem, aligned, clock)
-        with clock.stage("support"):
-            return self.judge(Searched(problem, aligned, found, self.texture.chosen))
+        return Searched(problem, aligned, self.update(problem, aligned, clock), self.texture.chosen)
 
-    def located(self, fit: Fit, clock: StageClock) -> Fit:
-        """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
-        if fit.searched is None or not self.sharp:
-            return fit
-        self.work.done += fit.control_points * LOCATED_POINT
+    def locate(self, searched: Searched, clock: StageClock) -> Located:
+        """The estimate by edges located between the pixels."""
+        self.work.done += len(searched.problem.points.points) * LOCATED_POINT
         with clock.stage("subpixel"):
-            best = self.refine_subpixel(fit.searched)
-        with clock.stage("support"):
-            chance = self.chance_of(fit.searched, best.estimate.weighting)
-            return replace(fit.at(best.estimate, best.steps), chance=chance)
+            return self.refine_subpixel(searched)
 
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
         """Control points, their weights, and patches that are visible at the prediction."""
@@ -175,7 +192,7 @@ class EdgeFitter:
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
         """Coarse estimate, by the patches if enough of them are found, else by hypotheses over a wide search."""
-        view, widths, solver = problem.view, self.values.widths, self.config.solver
+        view, widths = problem.view, self.values.widths
         with clock.stage("texture"):
             matches = self.texture.align(problem.image, view)
             if np.count_nonzero(matches.correlation > 0) >= MIN_POINTS:
@@ -184,11 +201,10 @@ class EdgeFitter:
         if not len(problem.points.points):
             return Aligned(view, matches)
         with clock.stage("search"):
-            least_px = solver.estimator.fine_half_px
-            half_px = search_range(problem.lines.jacobian, problem.covariance, least_px, most_px)
+            half_px = search_range(problem.lines.jacobian, problem.covariance, widths.fine_half_px, most_px)
             measured = self.measure(problem, problem.lines, half_px)
         with clock.stage("hypotheses"):
-            prior, outlier_px = problem.prior.information, solver.estimator.coarse_widths_px[-1]
+            prior, outlier_px = problem.prior.information, self.config.solver.estimator.coarse_widths_px[-1]
             motion = best_motion(measured, prior, self.draws, outlier_px)
             view = view.to(*se3_exp_left(view.R, view.t, motion))
             edges = self.offsets(problem, measured)
@@ -200,7 +216,7 @@ class EdgeFitter:
     def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
         """Estimate by a short search."""
         view = aligned.view
-        half_px = np.full(len(problem.points.points), self.config.solver.estimator.fine_half_px)
+        half_px = np.full(len(problem.points.points), self.values.widths.fine_half_px)
         with clock.stage("search"):
             measured = self.measure(problem, self.search_lines(problem.points, view), half_px)
         with clock.stage("update"):
@@ -230,47 +246,37 @@ class EdgeFitter:
         last = self.values.widths.last
         return Located(self.solve(problem, measured, aligned.matches, found.edges, view, last), steps.steps)
 
-    def judge(self, searched: Searched) -> Fit:
-        """The fit to the matches of a search, with its support."""
+    def judge(self, searched: Searched, at: Located) -> Fit:
+        """The fit to the matches of a search, at an estimate from them, with the support that they have."""
         problem, aligned, found, chosen = searched
-        points, correlation, estimate = problem.points, aligned.matches.correlation, found.estimate
-        weighting: Weighting = estimate.weighting
+        points, correlation, matched = problem.points, aligned.matches.correlation, found.estimate.weighting
         share = support(
             found.measured,
             problem.counts,
-            weighting.weight,
-            weighting.patch_weight,
+            matched.weight,
+            matched.patch_weight,
             correlation,
             self.appearance,
             self.weak_step,
         )
-        n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
-        unlocated = np.zeros(n, dtype=np.int64)
-        fit = Fit(
-            Pose(estimate.R, estimate.t),
-            problem.covariance,
+        (R, t, step, sums, weighting), n = at.estimate, len(points.points)
+        middle = points.points[n // 2] if n else np.full(3, np.nan)
+        return Fit(
+            Pose(R, t),
+            inverse6(step.information),
             share.whole,
             n,
             int(np.count_nonzero(found.measured.candidates.distance < np.inf)),
-            0,
-            float("nan"),
+            int(np.count_nonzero(weighting.weight) + np.count_nonzero(weighting.patch_weight)),
+            float(R[2] @ middle + t[2]),
             share.edges,
-            float(weighting.weight.sum() + patches),
+            float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
             self.chance_of(searched, weighting),
             FitResiduals(
-                points,
-                chosen,
-                correlation,
-                weighting,
-                found.edges,
-                estimate.sums,
-                estimate.step,
-                problem.prior.information,
-                unlocated,
+                points, chosen, correlation, weighting, found.edges, sums, step, problem.prior.information, at.steps
             ),
             searched,
         )
-        return fit.at(estimate, unlocated)
 
     def found_parts(self, searched: Searched) -> Array:
         """Part (n,) of each control point that a search found."""
@@ -280,15 +286,15 @@ class EdgeFitter:
     def chance_of(self, searched: Searched, weighting: Weighting) -> Chance:
         """How easily a random pose would find as much as these weights say was found."""
         problem, aligned, found, _ = searched
-        fine = self.config.solver.estimator
+        widths = self.values.widths
         return chance(
             problem.points.rows,
             found.measured.candidates.distance,
             weighting.weight,
             weighting.patch_weight,
             aligned.matches.correlation,
-            float(fine.fine_widths_px[-1]),
-            fine.fine_half_px,
+            widths.last_px,
+            widths.fine_half_px,
         )
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
@@ -314,7 +320,7 @@ class EdgeFitter:
         widths_px: Array,
     ) -> Estimate:
         """M-estimation over edge measurements and patch matches, starting from a view."""
-        biases = self.biases.at(edges, view.R, view.t)
+        biases = self.biases.seen_with(edges)
         return refine(measured, matches, biases, problem.prior, view, widths_px, self.values.estimator)
 
     def sample(self, view: View) -> ControlPoints:
@@ -323,7 +329,7 @@ class EdgeFitter:
 
     def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
         """Search lines of control points in a view."""
-        return search_lines(points, self.edges, view)
+        return search_lines(points, self.edges.ends, self.edges.inward, view)
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
@@ -331,9 +337,14 @@ class EdgeFitter:
             return
         lines = self.search_lines(fit.residuals.points, self.view.at(fit.cam_from_world))
         seen = Seen(layered(image), lines, fit.residuals)
-        learn_edges(self.appearance, self.blur, seen, fit.covariance, self.config, self.values)
+        learn_edges(self.appearance, self.blur, seen, fit.covariance, self.values)
         self.learned += 1
         learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
+
+
+def unlocated(searched: Searched) -> Located:
+    """The estimate from the matches of a search, which locates no edge between the pixels."""
+    return Located(searched.found.estimate, np.zeros(len(searched.problem.points.points), dtype=np.int64))
 
 
 def layered(image: Image) -> Image:

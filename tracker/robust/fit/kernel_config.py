@@ -16,11 +16,31 @@ from uavbench.trajectories.pose import Array
 
 
 class Widths(NamedTuple):
-    """Cutoffs of Tukey's biweight in px, in order, for each fit of a frame."""
+    """Cutoffs of Tukey's biweight in px, in order, for each fit of a frame.
+
+    last_px: the last one of all; trusted_px: residual up to which a match is believed; fine_half_px: half length of the
+    search lines of the short search.
+    """
 
     coarse: Array
     fine: Array
     last: Array
+    last_px: float
+    trusted_px: float
+    fine_half_px: float
+
+    @classmethod
+    def of(cls, estimator: EstimatorConfig) -> "Widths":
+        """The widths of a config."""
+        fine = np.array(estimator.fine_widths_px)
+        return cls(
+            np.array(estimator.coarse_widths_px),
+            fine,
+            fine[-2:].copy(),
+            float(fine[-1]),
+            estimator.trusted_px,
+            estimator.fine_half_px,
+        )
 
 
 class KernelConfig(NamedTuple):
@@ -35,11 +55,11 @@ class KernelConfig(NamedTuple):
     @classmethod
     def of(cls, config: RobustConfig) -> "KernelConfig":
         """The values of a config."""
-        edges, solver, e = config.edges, config.solver, config.solver.estimator
+        edges, solver = config.edges, config.solver
         return cls(
             kernel_values(edges.search),
             kernel_values(edges.appearance),
             kernel_values(edges.weights),
             kernel_values(solver.estimator),
-            Widths(*map(np.array, (e.coarse_widths_px, e.fine_widths_px, e.fine_widths_px[-2:]))),
+            Widths.of(solver.estimator),
         )

@@ -2,15 +2,11 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edges.appearance_kernels import LookedAt, Nearness, learn_appearance
 from uavbench.tracker.robust.edges.blur import Blur
-from uavbench.tracker.robust.edges.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.columns import OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import SearchLines
-from uavbench.tracker.robust.edges.profile_kernels import learn, learn_squares
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
@@ -41,20 +37,13 @@ class Seen(NamedTuple):
     residuals: FitResiduals
 
 
-def learn_edges(
-    appearance: Array, blur: Blur, seen: Seen, covariance: Array, config: RobustConfig, values: KernelConfig
-) -> None:
+def learn_edges(appearance: Array, blur: Blur, seen: Seen, covariance: Array, values: KernelConfig) -> None:
     """Update appearance and mean squares of the edges, and the blur, from a fit with this covariance (6, 6)."""
     image, lines, used = seen
-    rows, weighting = used.points.rows, used.weighting
-    near = np.abs(weighting.residual) < values.widths.last[-1]
-    distance = np.where(near, weighting.residual, np.inf)
-    learn_squares(lines, rows, distance, covariance, appearance, values.appearance)
-    beside = np.abs(weighting.residual) < config.solver.estimator.trusted_px
-    learn(image, lines, rows, np.where(beside, weighting.weight, 0.0), appearance, values.appearance)
-    alone = np.where((used.steps == 1) & (weighting.weight > 0), distance, np.inf)
-    rate = config.edges.appearance.learning_rate
-    blur.learn(excess_blur(image, lines, rows, appearance, alone, blur.px), rate)
+    looked_at = LookedAt(used.points.rows, used.weighting.residual, used.weighting.weight, used.steps)
+    limits = Nearness(values.widths.last_px, values.widths.trusted_px, blur.px)
+    excess_px2 = learn_appearance(image, lines, looked_at, covariance, appearance, limits, values.appearance)
+    blur.learn(excess_px2, values.appearance.learning_rate)
 
 
 def learn_patches(memory: Memory, seen: Seen, fit: Fit, dt_s: float, good_support: float) -> None:

@@ -1,13 +1,13 @@
 """A fit: its problem, intermediate results, and the pose with its support and residuals."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.fit.false_alarms import Chance
@@ -67,7 +67,7 @@ class Solution(NamedTuple):
 
 
 class Located(NamedTuple):
-    """An estimate by edges located between the pixels; steps (n,): of light that locate each control point."""
+    """An estimate, by edges located between the pixels where steps (n,) of light locate a control point, 0 for none."""
 
     estimate: Estimate
     steps: Indices
@@ -82,8 +82,7 @@ class Searched(NamedTuple):
     patches: Indices
 
 
-@dataclass(frozen=True, eq=False)
-class FitResiduals:
+class FitResiduals(NamedTuple):
     """Inputs and residuals of a fit, from which appearance and biases are learned.
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
@@ -124,7 +123,7 @@ class Fit:
     residuals: FitResiduals | None = None
     searched: Searched | None = None
 
-    @property
+    @cached_property
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
@@ -135,23 +134,6 @@ class Fit:
         if self.residuals is None or not len(self.residuals.points.points):
             return None
         return np.asarray(self.cam_from_world.transform(self.residuals.points.points).mean(axis=0))
-
-    def at(self, estimate: Estimate, steps: Indices) -> "Fit":
-        """The fit at an estimate from the same control points and patches, with the same support.
-
-        steps (n,): number of steps of light that locate each control point.
-        """
-        assert self.residuals is not None
-        points, weighting = self.residuals.points.points, estimate.weighting
-        middle = points[len(points) // 2] if len(points) else np.full(3, np.nan)
-        return replace(
-            self,
-            cam_from_world=Pose(estimate.R, estimate.t),
-            covariance=inverse6(estimate.step.information),
-            inliers=int(np.count_nonzero(weighting.weight) + np.count_nonzero(weighting.patch_weight)),
-            range_m=float(estimate.R[2] @ middle + estimate.t[2]),
-            residuals=replace(self.residuals, weighting=weighting, sums=estimate.sums, step=estimate.step, steps=steps),
-        )
 
     def log10_false_alarms(self, poses: int) -> float:
         """Decimal logarithm of how many of so many random poses are expected to find as much."""

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import eliminate
 from uavbench.tracker.robust.solver.bias_state import (
     BIAS_STATE,
+    BIASES_IN_VIEW,
     EDGE_OFFSETS,
     FRAME_SUMS,
     KIND_SUMS,
-    KNOWN,
+    BiasesInView,
     BiasState,
     EdgeOffsets,
     ExpectedOffsets,
@@ -105,12 +106,13 @@ def explained_by_offsets(state: BiasState) -> Marginal:
     return Marginal(A, v, kinds)
 
 
-@compiled("state known edges f2 f1", state=BIAS_STATE, known=KNOWN, edges=EDGE_OFFSETS)
-def linearize(state: BiasState, known: Known, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
+@compiled("biases f2 f1", inner=True, biases=BIASES_IN_VIEW)
+def linearize(biases: BiasesInView, R: Array, t: Array) -> LocalBiases:
     """Information on the biases from the edges in view and all others, at the linearization point (R, t).
 
     D's expectation is 0.
     """
+    state, known, edges = biases.state, biases.known, biases.edges
     n, every = len(edges.rows), known.of_kinds
     cross, information, vector = np.empty((n, 6)), np.empty(n), np.empty(n)
     kinds, ties, local, count = np.full(n, -1), np.zeros(n), np.full(len(state.kind_prior), -1), 0

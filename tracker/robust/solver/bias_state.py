@@ -118,6 +118,14 @@ class Known(NamedTuple):
     of_kinds: KindSums
 
 
+class BiasesInView(NamedTuple):
+    """The state of the biases, what is known of it, and the edges in view."""
+
+    state: BiasState
+    known: Known
+    edges: EdgeOffsets
+
+
 FRAME_SUMS = named_tuple(FrameSums, "f1! f2! f1! f2! f1! f2! f1!")
 KIND_SUMS = named_tuple(KindSums, "f1! f2! f1!")
 BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1! i1! f1! f1!")
@@ -127,3 +135,4 @@ LOCAL_BIASES = named_tuple(
     LocalBiases, "f2! f1! f2! f1! f1! i1! f1! kinds expected", kinds=KIND_SUMS, expected=EXPECTED_OFFSETS
 )
 KNOWN = named_tuple(Known, "f2! kinds", kinds=KIND_SUMS)
+BIASES_IN_VIEW = named_tuple(BiasesInView, "state known edges", state=BIAS_STATE, known=KNOWN, edges=EDGE_OFFSETS)

@@ -14,11 +14,10 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     accumulate,
     centre,
     explained_by_offsets,
-    linearize,
     observability,
     prior_offsets,
 )
-from uavbench.tracker.robust.solver.bias_state import BiasState, EdgeOffsets, FrameSums, Known, LocalBiases
+from uavbench.tracker.robust.solver.bias_state import BiasesInView, BiasState, EdgeOffsets, FrameSums, Known
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
 from uavbench.trajectories.pose import Array, Pose
@@ -42,9 +41,9 @@ class NuisanceBiases:
         """
         return prior_offsets(self.state, rows, variance_px2, shared_part)
 
-    def at(self, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
-        """The biases at a linearization point (R, t) with these edges in view."""
-        return linearize(self.state, self.known, edges, R, t)
+    def seen_with(self, edges: EdgeOffsets) -> BiasesInView:
+        """The biases with these edges in view."""
+        return BiasesInView(self.state, self.known, edges)
 
     def begin(self, edges: EdgeOffsets, sums: FrameSums, to_fit: Array, prior: Array, pose: Pose) -> None:
         """Reset for patches created at a pose, from the sums of that frame and the information (6, 6) of a prior.

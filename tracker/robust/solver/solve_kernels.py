@@ -13,7 +13,15 @@ from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
-from uavbench.tracker.robust.solver.bias_state import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
+from uavbench.tracker.robust.solver.bias_kernels import linearize
+from uavbench.tracker.robust.solver.bias_state import (
+    BIASES_IN_VIEW,
+    FRAME_SUMS,
+    LOCAL_BIASES,
+    BiasesInView,
+    FrameSums,
+    LocalBiases,
+)
 from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT, Weighting, add_patches, add_points
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -153,7 +161,7 @@ def marginalize(H: Array, h: Array, row: Array, value: float, variance: float) -
     "measured matches biases prior view f1 estimator",
     measured=EDGE_MEASUREMENTS,
     matches=PATCH_MATCHES,
-    biases=LOCAL_BIASES,
+    biases=BIASES_IN_VIEW,
     prior=POSE_PRIOR,
     view=VIEW,
     estimator=ESTIMATOR,
@@ -161,7 +169,7 @@ def marginalize(H: Array, h: Array, row: Array, value: float, variance: float) -
 def refine(
     measured: EdgeMeasurements,
     matches: PatchMatches,
-    biases: LocalBiases,
+    biases: BiasesInView,
     prior: PosePrior,
     view: View,
     widths_px: Array,
@@ -173,7 +181,7 @@ def refine(
     by their inverse variances. It stops before a step with singular equations.
     """
     n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
-    R, t = view.R.copy(), view.t.copy()
+    R, t, local = view.R.copy(), view.t.copy(), linearize(biases, view.R, view.t)
     weighting = Weighting(np.zeros(n), np.zeros(n), np.zeros(m))
     step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6))
     sums = FrameSums(
@@ -182,12 +190,12 @@ def refine(
     )
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
-        add_points(measured, biases, now, width_px, weighting, sums)
+        add_points(measured, local, now, width_px, weighting, sums)
         # Once edges have told the pose, a patch that does not move with them is none of the structure's.
         told = np.count_nonzero(weighting.weight) >= UNKNOWNS and width_px == widths_px[-1]
         most_sigmas = EFFICIENT if told else np.inf
         add_patches(matches, now, width_px, most_sigmas, weighting, sums)
-        if not solve_step(sums, biases, prior, now, step, config):
+        if not solve_step(sums, local, prior, now, step, config):
             break
         moved = se3_exp_left(R, t, step.to_fit)
         R, t = moved.R, moved.t

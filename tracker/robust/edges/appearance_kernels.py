@@ -1,0 +1,74 @@
+"""Compiled learning of what the edges of an image look like, from a fit."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.robust.config.edges import AppearanceConfig
+from uavbench.tracker.robust.edges.blur_kernels import excess_blur
+from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
+from uavbench.tracker.robust.edges.profile_kernels import APPEARANCE, Image, learn, learn_squares
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+Indices = NDArray[np.int64]
+
+
+class LookedAt(NamedTuple):
+    """Control points after a fit: rows (n,) of appearance, signed residual (n,) in px, weight (n,) in the fit.
+
+    steps (n,): number of steps of light that locate each, 0 where none does.
+    """
+
+    rows: Indices
+    residual: Array
+    weight: Array
+    steps: Indices
+
+
+class Nearness(NamedTuple):
+    """Residuals in px below which the step at a control point is its edge's, and the colours beside it are; the blur
+    that is assumed, px.
+    """
+
+    near_px: float
+    beside_px: float
+    blur_px: float
+
+
+LOOKED_AT = named_tuple(LookedAt, "i1! f1! f1! i1!")
+NEARNESS = named_tuple(Nearness, "f0 f0 f0")
+
+
+@compiled(
+    "u3 lines seen f2 f2! nearness appearance",
+    lines=SEARCH_LINES,
+    seen=LOOKED_AT,
+    nearness=NEARNESS,
+    appearance=APPEARANCE,
+)
+def learn_appearance(
+    image: Image,
+    at: SearchLines,
+    seen: LookedAt,
+    covariance: Array,
+    appearance: Array,
+    limits: Nearness,
+    config: AppearanceConfig,
+) -> float:
+    """Update `appearance` in place from a fit with this covariance (6, 6); its blur, as returned by `excess_blur`."""
+    n, rows = len(seen.rows), seen.rows
+    distance, found, alone = np.full(n, np.inf), np.zeros(n), np.full(n, np.inf)
+    for p in range(n):
+        away = abs(seen.residual[p])
+        if away < limits.near_px:
+            distance[p] = seen.residual[p]
+            if seen.steps[p] == 1 and seen.weight[p] > 0.0:
+                alone[p] = seen.residual[p]
+        if away < limits.beside_px:
+            found[p] = seen.weight[p]
+    learn_squares(at, rows, distance, covariance, appearance, config)
+    learn(image, at, rows, found, appearance, config)
+    return excess_blur(image, at, rows, appearance, alone, limits.blur_px)
