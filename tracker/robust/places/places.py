@@ -18,6 +18,7 @@ from uavbench.tracker.robust.places.features import (
     matched,
 )
 from uavbench.tracker.robust.places.match_kernels import HYPOTHESES, LEAST_AGREEING, SAMPLE, pose_of_matches
+from uavbench.tracker.robust.places.near_kernels import last_near
 from uavbench.tracker.robust.places.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, motion
 from uavbench.tracker.robust.work import FEATURES, PER_LANDMARK, RECALLED, Work, recall_evaluations
@@ -60,9 +61,9 @@ class Places:
     def add(self, image: Image, pose: Pose, range_m: float) -> None:
         """Add a place with its image (h, w) or (h, w, c), unless there is one near it; fewer are kept of too many."""
         here = motion(pose)
-        near = np.flatnonzero(~self.poses.apart(here, range_m, self.apart))
-        if len(near):
-            self.last = self.places[near[-1]]
+        near = last_near(*self.poses, *here, range_m, self.apart)
+        if near >= 0:
+            self.last = self.places[near]
             return
         image = grey(image)
         self.keep(Place(pose, range_m, image, small_image(image)))
