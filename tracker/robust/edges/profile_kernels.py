@@ -74,22 +74,30 @@ def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
 
 
 @compiled("f2 i0 f0 f0 f0", inner=True)
-def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
-    """Sub-pixel position of the maximum slope, in px from row k of a profile, by a parabola through three slopes.
+def linear_slope(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
+    """Absolute slope at row k of a profile, by the two rows to either side.
 
     Values are squared first (a gamma of about two), since pixels integrate linear intensity, not coded values.
     """
-    slope = np.empty(3)
-    for s in range(3):
-        total = 0.0
-        for j in range(1, 3):
-            a, b = k + s - 1 - j, k + s - 1 + j
-            total += w0 * (colours[b, 0] ** 2 - colours[a, 0] ** 2)
-            total += w1 * (colours[b, 1] ** 2 - colours[a, 1] ** 2)
-            total += w2 * (colours[b, 2] ** 2 - colours[a, 2] ** 2)
-        slope[s] = abs(total)
-    bend = slope[0] - 2.0 * slope[1] + slope[2]
-    return max(-1.0, min(1.0, 0.5 * (slope[0] - slope[2]) / bend)) if bend < 0.0 else 0.0
+    total = 0.0
+    for j in range(1, 3):
+        a, b = k - j, k + j
+        total += w0 * (colours[b, 0] ** 2 - colours[a, 0] ** 2)
+        total += w1 * (colours[b, 1] ** 2 - colours[a, 1] ** 2)
+        total += w2 * (colours[b, 2] ** 2 - colours[a, 2] ** 2)
+    return abs(total)
+
+
+@compiled("f2 i0 f0 f0 f0", inner=True)
+def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
+    """Sub-pixel position of the maximum slope, in px from row k of a profile, by a parabola through three slopes."""
+    before, here, after = (
+        linear_slope(colours, k - 1, w0, w1, w2),
+        linear_slope(colours, k, w0, w1, w2),
+        linear_slope(colours, k + 1, w0, w1, w2),
+    )
+    bend = before - 2.0 * here + after
+    return max(-1.0, min(1.0, 0.5 * (before - after) / bend)) if bend < 0.0 else 0.0
 
 
 @compiled("u3 lines i1 f2 f1 f0 search", lines=SEARCH_LINES, search=SEARCH)

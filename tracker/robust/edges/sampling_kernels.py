@@ -126,35 +126,43 @@ def points_on(length_px: float, spacing_px: float, dense_px: float) -> float:
 
     All pixels of a long edge see about the same offset, while short ones see others, often across its direction.
     """
-    return min(length_px, math.sqrt(dense_px * length_px)) / spacing_px
+    return sampled_length(length_px, dense_px) / spacing_px
 
 
-@compiled("f1 f0 f0 b0", inner=True)
-def points_on_all(length: Array, spacing_px: float, dense_px: float, rounded: bool) -> float:
-    """Number of points on all edges; rounded: each gets a whole number of them."""
+@compiled("f0 f0", inner=True)
+def sampled_length(length_px: float, dense_px: float) -> float:
+    """Length of an edge that gets points at the usual spacing."""
+    return length_px if length_px <= dense_px else math.sqrt(dense_px * length_px)
+
+
+@compiled("f1 f0 f0 f0 b0", inner=True)
+def get_more_points(length: Array, spacing_px: float, dense_px: float, most: float, rounded: bool) -> bool:
+    """Whether all edges get more than so many points; rounded: each gets a whole number of them."""
     total, whole = 0.0, 0
     if rounded:
         for e in range(len(length)):
             whole += int(points_on(length[e], spacing_px, dense_px) + 0.5)
-        return float(whole)
+        return float(whole) > most
     for e in range(len(length)):
-        total += points_on(length[e], 1.0, dense_px)
-    return total / spacing_px
+        total += sampled_length(length[e], dense_px)
+        if total > most * spacing_px:
+            return True
+    return False
 
 
 @compiled("f1 f0 f0 b0", inner=True)
 def dense_length(length: Array, spacing_px: float, wanted: float, rounded: bool) -> float:
     """Length in px up to which edges are sampled densely so that all get `wanted` points; MOST_LENGTH_PX for all.
 
-    rounded: as of `points_on_all`.
+    rounded: as of `get_more_points`.
     """
-    if points_on_all(length, spacing_px, MOST_LENGTH_PX, rounded) <= wanted:
+    if not get_more_points(length, spacing_px, MOST_LENGTH_PX, wanted, rounded):
         return MOST_LENGTH_PX
     seen = length[length > 0.0]
     low, high = LEAST_LENGTH_PX, MOST_LENGTH_PX
     for _ in range(1, BISECTIONS):
         middle = math.sqrt(low * high)
-        if points_on_all(seen, spacing_px, middle, rounded) > wanted:
+        if get_more_points(seen, spacing_px, middle, wanted, rounded):
             high = middle
         else:
             low = middle
@@ -184,7 +192,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    all_fit = points_on_all(length, spacing_px, MOST_LENGTH_PX, True) <= most
+    all_fit = not get_more_points(length, spacing_px, MOST_LENGTH_PX, float(most), True)
     wanted = float(most) if all_fit else FIRST_PART * most
     for sampling in range(1 if all_fit else 0, 2):
         dense_px = dense_length(length, spacing_px, wanted, sampling > 0)

@@ -155,9 +155,11 @@ def each_mapped(X: Array, rows: Array) -> Array:
     """X row of each row (n, 6)."""
     out = np.empty(rows.shape)
     for g in range(len(rows)):
-        row = product(X, rows[g])
         for i in range(6):
-            out[g, i] = row[i]
+            total = 0.0
+            for j in range(6):
+                total += X[i, j] * rows[g, j]
+            out[g, i] = total
     return out
 
 
