@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import distort
 from uavbench.trajectories.pose import Array
 
@@ -20,7 +20,7 @@ class RigidMotion(NamedTuple):
     t: Array
 
 
-@compiled("f0 f0 f0 f0 f0 f1 f1!", inner=True)
+@inlined
 def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, row: Array) -> None:
     """Motion in px along the image normal (nx, ny) per unit of a twist of the camera, into row (6,)."""
     a, b = x / z, y / z
@@ -50,7 +50,7 @@ class SharesInside(NamedTuple):
     end: float
 
 
-@compiled("f1 f1 f2", inner=True)
+@inlined
 def clip_segment(a: Array, b: Array, planes: Array) -> SharesInside:
     """Shares of the segment a-b at which its part inside all planes (k, 4) starts and ends; start >= end: none.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from uavbench.trajectories.geometry.bvh import Tree
 from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 MARGIN = 5e-4
@@ -60,7 +60,7 @@ def sight_from(eye: Array) -> Sight:
     return Sight(eye, np.empty(3), np.empty(STACK, np.int64))
 
 
-@compiled("sight f1 triangles i0 i0 i0", inner=True, sight=SIGHT, triangles=TRIANGLES)
+@inlined
 def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
     """A triangle that occludes a point (3,) of the edge between face_a and face_b, or NONE.
 

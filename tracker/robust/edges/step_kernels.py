@@ -21,8 +21,7 @@ from uavbench.tracker.robust.edges.columns import (
     V,
 )
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 CODES = np.arange(256) / 255
@@ -91,8 +90,6 @@ class Sums(NamedTuple):
 
 
 NO_STEP = Step(np.inf, np.inf)
-STRIP = named_tuple(Strip, "i0 i0 f0")
-SUMS = named_tuple(Sums, "f2! f2! f2! f1! f1!")
 
 
 @compiled("i0", inner=True)
@@ -108,7 +105,7 @@ def room_for(steps: int) -> Sums:
     )
 
 
-@compiled("f1 i0 f1!", inner=True)
+@inlined
 def learned_light(row: Array, channels: int, colour: Array) -> float:
     """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`."""
     colour[:] = 0.0
@@ -126,7 +123,7 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f2! f0 strip f1 sums", inner=True, strip=STRIP, sums=SUMS)
+@inlined
 def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> int:
     """Number of pixels around a control point whose steps and light are summed up.
 
@@ -177,7 +174,7 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
     return lines * ACROSS
 
 
-@compiled("f2! f1!", inner=True)
+@inlined
 def solve(A: Array, x: Array) -> float:
     """Solve A y = x (n,) in place by A = L D L^T, and return x . y, NaN where A is not positive.
 
@@ -201,7 +198,7 @@ def solve(A: Array, x: Array) -> float:
     return product
 
 
-@compiled("u3 f2! f0 strip f1 sums", inner=True, strip=STRIP, sums=SUMS)
+@inlined
 def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> Step:
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 

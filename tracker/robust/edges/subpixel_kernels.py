@@ -21,7 +21,7 @@ from uavbench.tracker.robust.edges.step_kernels import (
 )
 from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
@@ -114,7 +114,7 @@ def refine_subpixel(
     return SubpixelEdges(distance, variance, together)
 
 
-@compiled("lines i1 i0 i0 f0 f2!", inner=True, lines=SEARCH_LINES)
+@inlined
 def crowd(at: SearchLines, first: Indices, group: int, p: int, reach_px: float, edges: Array) -> int:
     """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
 

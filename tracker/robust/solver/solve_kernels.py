@@ -25,7 +25,7 @@ from uavbench.tracker.robust.solver.bias_state import (
 from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT, Weighting, add_patches, add_points
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 ESTIMATOR = kernel_type(EstimatorConfig)
@@ -115,7 +115,7 @@ def solve_step(
     return solve6(A, b, step.to_fit)
 
 
-@compiled("sums biases f2! f1!", inner=True, sums=FRAME_SUMS, biases=LOCAL_BIASES)
+@inlined
 def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array) -> None:
     """Marginalize the offset of each edge, then what the edges of each kind share, from H (12, 12), its lower half, and
     h (12,), in place.
@@ -144,7 +144,7 @@ def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array
         marginalize(H, h, rows[k], vector[k] * scale, scale)
 
 
-@compiled("f2! f1! f1 f0 f0", inner=True)
+@inlined
 def marginalize(H: Array, h: Array, row: Array, value: float, variance: float) -> None:
     """Marginalize an unknown of this value and variance from H (n, n), its lower half, and h (n,), in place.
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from uavbench.tracker.geometry_kernels import normal_row
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
-from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
-from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
-from uavbench.tracker.robust.solver.bias_state import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
-from uavbench.tracker.robust.view import VIEW, View
-from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.tracker.robust.edges.measurements import EdgeMeasurements
+from uavbench.tracker.robust.patches.matches import PatchMatches
+from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
+from uavbench.tracker.robust.view import View
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
@@ -34,10 +33,7 @@ class Weighting(NamedTuple):
     patch_weight: Array
 
 
-WEIGHTING = named_tuple(Weighting, "f1! f1! f1!")
-
-
-@compiled("f2! f1! f1 f0 f0", inner=True)
+@inlined
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
     """Add the equation row (6,) . x = d of weight w to the normal equations A (6, 6), its lower half, and b (6,)."""
     for i in range(6):
@@ -55,15 +51,7 @@ def mirror(A: Array) -> None:
             A[j, i] = A[i, j]
 
 
-@compiled(
-    "measured biases view f0 weighting sums",
-    inner=True,
-    measured=EDGE_MEASUREMENTS,
-    biases=LOCAL_BIASES,
-    view=VIEW,
-    weighting=WEIGHTING,
-    sums=FRAME_SUMS,
-)
+@inlined
 def add_points(
     measured: EdgeMeasurements,
     biases: LocalBiases,
@@ -124,14 +112,7 @@ def add_points(
     mirror(E)
 
 
-@compiled(
-    "matches view f0 f0 weighting sums",
-    inner=True,
-    matches=PATCH_MATCHES,
-    view=VIEW,
-    weighting=WEIGHTING,
-    sums=FRAME_SUMS,
-)
+@inlined
 def add_patches(
     matches: PatchMatches, view: View, width_px: float, most_sigmas: float, weighting: Weighting, sums: FrameSums
 ) -> None:
