@@ -54,7 +54,7 @@ def half_spacing(lines: Array, first: Indices, g: int) -> float:
     return 0.5 * least if least < math.inf else 0.0
 
 
-@compiled("lines i1 f0", lines=SEARCH_LINES)
+@compiled("lines i1 f0", inner=True, lines=SEARCH_LINES)
 def edge_spacing(at: SearchLines, first: Indices, separate_px: float) -> Array:
     """Distance in px (n,), at most separate_px, along each normal to the nearest other edge that is nearly parallel.
 
@@ -98,7 +98,7 @@ def edge_spacing(at: SearchLines, first: Indices, separate_px: float) -> Array:
     return gap
 
 
-@compiled("i1 f2")
+@compiled("i1 f2", inner=True)
 def known_rows(parts: Indices, appearance: Array) -> Indices:
     """Rows (n,) of appearance that tell what parts (n,) of edges look like: the own ones, or those of the nearest part
     of the same edge that was learned.
@@ -133,7 +133,7 @@ def contrast_weights(rows: Indices, appearance: Array, weak_step: float, config:
     return out
 
 
-@compiled("f1 i1 f2 f0 f0 weights", weights=WEIGHTS)
+@compiled("f1 i1 f2 f0 f0 weights", inner=True, weights=WEIGHTS)
 def point_weights(
     spacing: Array, rows: Indices, appearance: Array, separate_px: float, weak_step: float, config: WeightConfig
 ) -> Array:
@@ -146,6 +146,34 @@ def point_weights(
     for p in range(len(out)):
         out[p] *= min(1.0, max(LEAST_WEIGHT, spacing[p] / separate_px))
     return out
+
+
+class PointWeights(NamedTuple):
+    """Weights (n,) of control points: in the pose, and how much each counts in the support.
+
+    They count also where their own part of an edge was not seen yet, as its nearest part that was.
+    """
+
+    weight: Array
+    counts: Array
+
+
+@compiled("lines points f2 f0 f0 weights", lines=SEARCH_LINES, points=CONTROL_POINTS, weights=WEIGHTS)
+def weights_in_view(
+    at: SearchLines,
+    points: ControlPoints,
+    appearance: Array,
+    separate_px: float,
+    weak_step: float,
+    config: WeightConfig,
+) -> PointWeights:
+    """Weights of control points, see `point_weights`; edges that are separate_px apart do not disturb each other."""
+    rows, spacing_px = points.rows, edge_spacing(at, points.first, separate_px)
+    seen = known_rows(rows, appearance)
+    return PointWeights(
+        point_weights(spacing_px, rows, appearance, separate_px, weak_step, config),
+        point_weights(spacing_px, seen, appearance, separate_px, weak_step, config),
+    )
 
 
 @compiled("points candidates f2 f0 weights", points=CONTROL_POINTS, candidates=CANDIDATES, weights=WEIGHTS)

@@ -20,13 +20,11 @@ from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
-    edge_spacing,
     found_parts,
-    known_rows,
     offset_variances,
     point_variances,
-    point_weights,
     support,
+    weights_in_view,
 )
 from uavbench.tracker.robust.fit.false_alarms import Chance, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
@@ -181,11 +179,7 @@ class EdgeFitter:
             self.texture.choose(view)
             lines = self.search_lines(points, view)
             separate_px = self.config.solver.estimator.separate_px
-            spacing_px = edge_spacing(lines, points.first, separate_px)
-            rows = points.rows, known_rows(points.rows, self.appearance)
-            weight, counts = (
-                point_weights(spacing_px, each, self.appearance, separate_px, self.weak_step, weights) for each in rows
-            )
+            weight, counts = weights_in_view(lines, points, self.appearance, separate_px, self.weak_step, weights)
             prior = PosePrior(inverse6(covariance), view.R, view.t)
             edges = points.rows[points.first[:-1]] // BINS
         return Problem(image, view, covariance, prior, points, lines, weight, counts, edges)

@@ -230,8 +230,9 @@ def centre(state: BiasState, R: Array, t: Array) -> PatchError:
     for i in range(6):
         state.vector[i] -= explained[i]
     for e in range(len(state.offset_vector)):
-        for i in range(6):
-            state.offset_vector[e] -= state.cross[e, i] * D[i]
+        if state.offset_information[e] > 0.0:  # few of a large structure's edges were seen
+            for i in range(6):
+                state.offset_vector[e] -= state.cross[e, i] * D[i]
     for k in range(len(state.kind_prior)):
         for i in range(6):
             spared.of_kinds.vector[k] -= spared.of_kinds.cross[k, i] * D[i]
