@@ -172,14 +172,16 @@ class BuiltEnvironment:
     """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.
 
     The panorama is square-root coded. Its columns run from azimuth -180 to 180 degrees (world x is 0), its rows from
-    the zenith down. Without textures each part of the structure has the mean colour of its texture. site shapes the
-    ground to the structure, None for level ground; its second argument is the generator of each stream that it names.
+    the zenith down. Without textures each part of the structure has the mean colour of its texture; sharp ones take
+    finer mipmaps. site shapes the ground to the structure, None for level ground; its second argument is the generator
+    of each stream that it names.
     """
 
     parts: tuple[Part, ...]
     light: Light
     sky: Texture | None = None
     textures: bool = True
+    sharp: bool = False
     site: Callable[[BuiltStructure, Streams], BuiltSite] | None = None
 
 

@@ -28,7 +28,8 @@ class Scene:
     """A scene with baked light, ready to be rendered.
 
     parts have baked light in their tints; unlit are the same parts without, for a path tracer. lamp_radius is the
-    tangent of the lamp's angular radius; site is the ground where it is shaped to the structure.
+    tangent of the lamp's angular radius; site is the ground where it is shaped to the structure; sharp: whether finer
+    mipmaps are taken.
     """
 
     built: BuiltStructure
@@ -40,10 +41,11 @@ class Scene:
     sky: Texture | None
     obstacles: ObstacleMesh
     site: BuiltSite | None = None
+    sharp: bool = False
 
     def renderer(self, width: int, height: int) -> Renderer:
         """A renderer of the scene."""
-        return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
+        return Renderer(self.parts, self.light, width, height, self.movers, self.sky, self.sharp)
 
 
 def obstacles_of(spec: SequenceSpec) -> ObstacleMesh:
@@ -93,6 +95,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
         environment.sky,
         obstacles,
         site,
+        environment.sharp,
     )
 
 
