@@ -173,8 +173,8 @@ class BuiltEnvironment:
 
     The panorama is square-root coded. Its columns run from azimuth -180 to 180 degrees (world x is 0), its rows from
     the zenith down. Without textures each part of the structure has the mean colour of its texture; sharp ones take
-    finer mipmaps. site shapes the ground to the structure, None for level ground; its second argument is the generator
-    of each stream that it names.
+    finer mipmaps. grain is the standard deviation of the log albedo of all surfaces in each octave. site shapes the
+    ground to the structure, None for level ground; its second argument is the generator of each stream that it names.
     """
 
     parts: tuple[Part, ...]
@@ -182,6 +182,7 @@ class BuiltEnvironment:
     sky: Texture | None = None
     textures: bool = True
     sharp: bool = False
+    grain: float = 0.0
     site: Callable[[BuiltStructure, Streams], BuiltSite] | None = None
 
 

@@ -30,8 +30,8 @@ class Outdoor:
 
     sun_elevation_deg and sun_azimuth_deg give the direction of the sun (azimuth from x towards y, random when None);
     cloudiness ranges from 0, a clear sky, to 1, an overcast one without direct sunlight and sharp shadows. haze_per_km
-    is the extinction coefficient. sharp_textures takes finer mipmaps. site shapes the ground to the structure; by
-    default it is level and empty.
+    is the extinction coefficient. sharp_textures takes finer mipmaps; grain is the standard deviation of the log albedo
+    of all surfaces in each octave. site shapes the ground to the structure; by default it is level and empty.
     """
 
     ground: Literal["grass", "meadow", "gravel", "asphalt", "concrete"] = "grass"
@@ -41,6 +41,7 @@ class Outdoor:
     haze_per_km: Annotated[float, Ge(0)] = 1.5
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
     sharp_textures: bool = False
+    grain: Annotated[float, Interval(ge=0, le=0.3)] = 0.0
     site: Site = field(default_factory=Site)
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
@@ -66,8 +67,9 @@ class Outdoor:
         level = _level_ground(look, bounds, rng)  # drawn with a site, too: the hills are those of the field without it
         rim = _rim(bounds, rng)
         if self.site == Site():
-            return BuiltEnvironment((level, *rim), light, sky, sharp=self.sharp_textures)
-        return BuiltEnvironment(rim, light, sky, sharp=self.sharp_textures, site=partial(self.site.build, look))
+            return BuiltEnvironment((level, *rim), light, sky, sharp=self.sharp_textures, grain=self.grain)
+        site = partial(self.site.build, look)
+        return BuiltEnvironment(rim, light, sky, sharp=self.sharp_textures, grain=self.grain, site=site)
 
 
 def _level_ground(look: Material, bounds: Array, rng: np.random.Generator) -> Part:
