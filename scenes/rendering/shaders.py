@@ -121,8 +121,9 @@ uniform sampler2D soil;
 
 void main() {
 #if defined(SHARP) && !defined(CUTOUT)
-    float slant = abs(dot(normalize(facing), normalize(eye - at)));
-    vec4 texel = texture(surface, st, LEVEL_BIAS + max(LEVEL_PER_SLANT * log2(slant), LEAST_LEVEL));
+    vec3 way = eye - at;
+    float cosine = abs(dot(facing, way)) * inversesqrt(dot(way, way));
+    vec4 texel = texture(surface, st, LEVEL_PER_COSINE * cosine - FINER);
 #else
     vec4 texel = texture(surface, st);
 #endif
@@ -294,17 +295,16 @@ WET_GAIN * dry / (1 - WET_INNER * dry)."""
 NEARER = 0.6
 """Fraction of the reflection's shift by ripples that applies to infinity: most of what a river mirrors is near."""
 
-LEVEL_BIAS, LEVEL_PER_SLANT, LEAST_LEVEL = -0.5, 0.375, -2.0
-"""Levels of detail that the switch SHARP adds: everywhere, per doubling of the cosine between a surface's normal and
-the view, and the least of the latter. OpenGL's level follows the longer side of a pixel's footprint. Of values in steps
-of 1/4 and 1/8 the first two give the least difference from supersampled images (docs/sites.md)."""
+FINER, LEVEL_PER_COSINE = 1.5, 1.25
+"""Levels of detail by which the switch SHARP goes below OpenGL's, which follow the longer side of a pixel's footprint,
+and how much of that the cosine between a surface's normal and the view takes back. Of values in steps of 1/4 they give
+the least difference from supersampled images (docs/sites.md)."""
 
 
 def with_switches(source: str, *switches: str) -> str:
     """The source with these preprocessor macros defined."""
     source = source.replace("CLOUD_SHADOW", CLOUD_SHADOW).replace("SET_SEEN", SET_SEEN).replace("SEEN", SEEN)
-    source = source.replace("LEVEL_BIAS", str(LEVEL_BIAS)).replace("LEVEL_PER_SLANT", str(LEVEL_PER_SLANT))
-    source = source.replace("LEAST_LEVEL", str(LEAST_LEVEL))
+    source = source.replace("LEVEL_PER_COSINE", str(LEVEL_PER_COSINE)).replace("FINER", str(FINER))
     source = source.replace("WET_GAIN", f"{WET_GAIN:.6f}").replace("WET_INNER", f"{WET_INNER:.6f}")
     source = source.replace("RIPPLE_SLOPE", str(RIPPLE_SLOPE)).replace("NEARER", str(NEARER))
     return source.replace("SWITCHES", "\n".join(f"#define {name}" for name in switches))
