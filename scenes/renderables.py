@@ -172,7 +172,8 @@ class BuiltEnvironment:
     """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.
 
     The panorama is square-root coded. Its columns run from azimuth -180 to 180 degrees (world x is 0), its rows from
-    the zenith down. Without textures each part of the structure has the mean colour of its texture. site shapes the
+    the zenith down. Without textures each part of the structure has the mean colour of its texture; sharp ones take
+    finer mipmaps. grain is the standard deviation of the log albedo of all surfaces in each octave. site shapes the
     ground to the structure, None for level ground; its second argument is the generator of each stream that it names.
     """
 
@@ -180,6 +181,8 @@ class BuiltEnvironment:
     light: Light
     sky: Texture | None = None
     textures: bool = True
+    sharp: bool = False
+    grain: float = 0.0
     site: Callable[[BuiltStructure, Streams], BuiltSite] | None = None
 
 

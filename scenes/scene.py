@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from uavbench.scenes.clutter.registry import ON_GROUND
+from uavbench.scenes.materials.grain import grained
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
 from uavbench.scenes.renderables import BuiltClutter, BuiltSite, BuiltStructure, Light, Mover, Part, Texture, plain
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
@@ -28,7 +29,8 @@ class Scene:
     """A scene with baked light, ready to be rendered.
 
     parts have baked light in their tints; unlit are the same parts without, for a path tracer. lamp_radius is the
-    tangent of the lamp's angular radius; site is the ground where it is shaped to the structure.
+    tangent of the lamp's angular radius; site is the ground where it is shaped to the structure; sharp: whether finer
+    mipmaps are taken.
     """
 
     built: BuiltStructure
@@ -40,10 +42,11 @@ class Scene:
     sky: Texture | None
     obstacles: ObstacleMesh
     site: BuiltSite | None = None
+    sharp: bool = False
 
     def renderer(self, width: int, height: int) -> Renderer:
         """A renderer of the scene."""
-        return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
+        return Renderer(self.parts, self.light, width, height, self.movers, self.sky, self.sharp)
 
 
 def obstacles_of(spec: SequenceSpec) -> ObstacleMesh:
@@ -75,7 +78,8 @@ def build_scene(spec: SequenceSpec) -> Scene:
     occluder = ObstacleMesh(*joined(TriangleMesh(p.vertices, p.triangles) for p in hiding))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     still = [p for p in environment.parts if not 1 < p.instance < 10]
-    shaded = merged((*built.parts, *still, *(p for p in solid if p.instance >= 10)))
+    textured = (*built.parts, *still, *(p for p in solid if p.instance >= 10))
+    shaded = merged(grained(textured, environment.grain, partial(stream, spec.seed, "grain")))
     drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
     growing = merged(p for p in (*environment.parts, *solid) if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
@@ -93,6 +97,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
         environment.sky,
         obstacles,
         site,
+        environment.sharp,
     )
 
 

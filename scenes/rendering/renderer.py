@@ -47,7 +47,10 @@ class DrawnMesh(NamedTuple):
 
 
 class Renderer:
-    """A scene on the GPU (or in llvmpipe) rendered at one image size; a context manager, or call `close`."""
+    """A scene on the GPU (or in llvmpipe) rendered at one image size; a context manager, or call `close`.
+
+    sharp takes finer mipmaps than OpenGL does, most of all on surfaces seen at a slant.
+    """
 
     def __init__(
         self,
@@ -57,11 +60,13 @@ class Renderer:
         height: int,
         movers: tuple[Mover, ...] = (),
         sky: Texture | None = None,
+        sharp: bool = False,
     ) -> None:
         self._gl = GL = gl.functions()
         self.width, self.height = width, height
         self._textures: dict[int, int] = {}
         self._kept: list[Texture] = []
+        self._sharp = sharp
         self._meshes = [
             DrawnMesh(self._mesh(half, lit), None, number)
             for number, part in enumerate(parts)
@@ -241,7 +246,7 @@ class Renderer:
         part, light = mesh.part, self._light
         if part.ripples is not None:
             return (shaders.WATER, *light.haze, *light.clouds)
-        switches = [*(("LAMP", *light.switches) if mesh.lit else light.haze)]
+        switches = [*(("LAMP", *light.switches) if mesh.lit else light.haze), *(["SHARP"] * self._sharp)]
         switches += ["SOIL"] * (part.soil is not None) + ["FILM"] * (part.film is not None)
         switches += ["STANDING"] * (mirror_level_m(part) is not None and not mirrored) + ["MIRRORED"] * mirrored
         return (shaders.SURFACE, *switches)

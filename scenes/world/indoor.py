@@ -20,12 +20,16 @@ SKIRTING_M = 0.09
 
 @dataclass(frozen=True)
 class Indoor:
-    """A room around the structure at a random heading, lit by an area lamp under the ceiling."""
+    """A room around the structure at a random heading, lit by an area lamp under the ceiling.
+
+    sharp_textures takes finer mipmaps.
+    """
 
     floor: Literal["planks", "carpet", "concrete"] = "planks"
     room_m: Annotated[float, Gt(1), Interval(le=60)] = 7.0
     height_m: Annotated[float, Gt(1), Interval(le=20)] = 2.8
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
+    sharp_textures: bool = False
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
         """The room around a structure of bounds (2, 3) in metres, enlarged if the structure does not fit."""
@@ -46,7 +50,7 @@ class Indoor:
             shadow_map=False,
             softness_m=0.25 * extent,
         )
-        return BuiltEnvironment(moved, light)
+        return BuiltEnvironment(moved, light, sharp=self.sharp_textures)
 
     def _floor(
         self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator

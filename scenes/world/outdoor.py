@@ -1,6 +1,6 @@
 """An outdoor environment: sun, sky with clouds, ground, and distant trees and hills."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated, Literal
 
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.materials.patches import Patches, patches
 from uavbench.scenes.materials.procedural_texture import Image
-from uavbench.scenes.renderables import BuiltEnvironment, Light, Part, Texture
+from uavbench.scenes.renderables import BuiltEnvironment, BuiltSite, BuiltStructure, Light, Part, Streams, Texture
 from uavbench.scenes.site.site import Site
 from uavbench.trajectories.pose import Array
 
@@ -30,7 +31,9 @@ class Outdoor:
 
     sun_elevation_deg and sun_azimuth_deg give the direction of the sun (azimuth from x towards y, random when None);
     cloudiness ranges from 0, a clear sky, to 1, an overcast one without direct sunlight and sharp shadows. haze_per_km
-    is the extinction coefficient. site shapes the ground to the structure; by default it is level and empty.
+    is the extinction coefficient. sharp_textures takes finer mipmaps; grain is the standard deviation of the log albedo
+    of all surfaces in each octave, ground_patches that of patches of the ground. site shapes the ground to the
+    structure; by default it is level and empty.
     """
 
     ground: Literal["grass", "meadow", "gravel", "asphalt", "concrete"] = "grass"
@@ -39,6 +42,9 @@ class Outdoor:
     cloudiness: Annotated[float, Interval(ge=0, le=1)] = 0.35
     haze_per_km: Annotated[float, Ge(0)] = 1.5
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
+    sharp_textures: bool = False
+    grain: Annotated[float, Interval(ge=0, le=0.3)] = 0.0
+    ground_patches: Annotated[float, Interval(ge=0, le=0.6)] = 0.0
     site: Site = field(default_factory=Site)
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
@@ -63,9 +69,22 @@ class Outdoor:
         look = materials.PAINTS[self.ground](rng)
         level = _level_ground(look, bounds, rng)  # drawn with a site, too: the hills are those of the field without it
         rim = _rim(bounds, rng)
+        drawn = patches(self.ground_patches, look.soaks, rng) if self.ground_patches > 0 else None
+        built = partial(BuiltEnvironment, light=light, sky=sky, sharp=self.sharp_textures, grain=self.grain)
         if self.site == Site():
-            return BuiltEnvironment((level, *rim), light, sky)
-        return BuiltEnvironment(rim, light, sky, site=partial(self.site.build, look))
+            return built(_patched((level, *rim), look, drawn))
+        return built(rim, site=partial(self._site, look, drawn))
+
+    def _site(self, look: Material, drawn: Patches | None, structure: BuiltStructure, streams: Streams) -> BuiltSite:
+        site = self.site.build(look, structure, streams)
+        return replace(site, parts=_patched(site.parts, look, drawn))
+
+
+def _patched(parts: tuple[Part, ...], look: Material, drawn: Patches | None) -> tuple[Part, ...]:
+    """The parts, those of the ground with its patches."""
+    if drawn is None:
+        return parts
+    return tuple(drawn.on(part) if part.texture is look.texture else part for part in parts)
 
 
 def _level_ground(look: Material, bounds: Array, rng: np.random.Generator) -> Part:
