@@ -71,7 +71,7 @@ class Rivals:
         """
         if not sought.thorough:
             return self.made
-        return len(self.of(sought, ranking, tried)) if ranking.top.support >= self.min_support else 0
+        return len(self.of(sought, ranking, tried))
 
     def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> Compared:
         """Fit the rivals of the best fit, and recursively those of a better rival.

@@ -1,0 +1,73 @@
+"""What a search fits again and keeps room for, and which poses it does not call right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import isotropic_covariance
+from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
+
+CONFIG = RobustConfig()
+RANGE_M, PANEL_M = 0.9, 0.3
+STEP_NS = 66_666_667
+
+
+def off(pose, shift_m):
+    """A pose at which the structure is moved along x of the world."""
+    return Pose(pose.rotation, pose.translation + pose.rotation @ np.array([shift_m, 0.0, 0.0]))
+
+
+class Searched:
+    """Fits by a fitter that has learned nothing to an image of boxes along x, looked at from a pose."""
+
+    def __init__(self, boxes, pose, step_s=1.0):
+        triangles = np.concatenate([BOX_TRIANGLES + 8 * k for k in range(len(boxes))])
+        structure = Structure.from_mesh(np.concatenate(boxes), triangles)
+        self.pose, self.image = pose, Scene(boxes, seed=2).render(pose, noise_rng=np.random.default_rng(3))
+        self.fitter = EdgeFitter(structure, CAMERA, np.random.default_rng(0), CONFIG)
+        self.relocator = Relocator(self.fitter, CAMERA)
+        self.fitter.begin(0, step_s, sharp=True)
+
+    def at(self, shift_m):
+        """The fit at the true pose, with the structure moved by so much along x."""
+        pose, known = off(self.pose, shift_m), isotropic_covariance(0.005, RANGE_M)
+        return self.fitter.searched(self.image, pose, known, StageClock(), 12.0)
+
+    def sought(self, guess, thorough=False):
+        wide = isotropic_covariance(0.1, RANGE_M)
+        return Sought(self.image, [guess.cam_from_world], wide, RANGE_M, guess, thorough=thorough)
+
+    def ranking(self, best, other):
+        """The fits of a frame, with one of them the best whatever its support is."""
+        found = Ranking(self.sought(best), CONFIG.relocalization)
+        found.add(other)
+        found.choose(best)
+        return found
+
+
+ONE_BOX = Searched([box_corners((0.12, 0.15, 0.25), (0.0, 0.0))], look_at(np.array([0.5, -0.7, 0.6]), (0, 0, 0.12)))
+A_ROW = Searched(
+    [box_corners((0.12, 0.15, 0.25), ((k - 5) * PANEL_M, 0.0)) for k in range(11)],
+    look_at(np.array([1.2, -RANGE_M, 0.35]), (1.23, 0.0, 0.12)),
+)
+"""Seen at its end."""
+
+
+@pytest.mark.parametrize("support", [0.35, 0.9])
+def test_room_is_left_for_the_rivals_of_any_fit_that_chance_does_not_explain(support):
+    """The best of a search may be one panel off, with few of its edges found: then one of its rivals is right."""
+    fit = replace(A_ROW.at(-PANEL_M), support=support)
+    sought = A_ROW.sought(fit, thorough=True)
+    ranking, tried = Ranking(sought, CONFIG.relocalization), TriedPoses(A_ROW.relocator.searcher)
+    assert A_ROW.relocator.rivals.awaited(sought, ranking, tried) > 0
