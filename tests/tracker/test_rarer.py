@@ -64,6 +64,25 @@ A_ROW = Searched(
 """Seen at its end."""
 
 
+@pytest.mark.parametrize(("found", "fits"), [(0.5, 1), (2.0, 2)])
+def test_a_fit_that_finds_more_than_the_best_is_repeated_though_it_has_less_support(found, fits):
+    """Its control points are those that are visible where it began, so that its support is too small."""
+    best = ONE_BOX.at(0.0)
+    worse = replace(ONE_BOX.at(0.1), support=0.0, found=found * best.found)
+    ranking = Ranking(ONE_BOX.sought(best), CONFIG.relocalization)
+    attempts = []
+    for attempt in ONE_BOX.relocator.found(motion(off(ONE_BOX.pose, 0.1)), 0.0, ranking):
+        attempts.append(attempt)
+        ranking.add(worse)
+    assert ranking.top is best and len(attempts) == fits
+    np.testing.assert_array_equal(attempts[-1].pose.t, motion((worse if fits == 2 else off_fit()).cam_from_world).t)
+
+
+def off_fit():
+    """A fit whose pose is where the search began."""
+    return replace(ONE_BOX.at(0.1), cam_from_world=off(ONE_BOX.pose, 0.1))
+
+
 @pytest.mark.parametrize("support", [0.35, 0.9])
 def test_room_is_left_for_the_rivals_of_any_fit_that_chance_does_not_explain(support):
     """The best of a search may be one panel off, with few of its edges found: then one of its rivals is right."""

@@ -265,11 +265,15 @@ class Relocator:
             yield from self.found(guess, 0.0, ranking)
 
     def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
-        """A pose to fit, and, if its fit is the best so far, that fit's pose to be fitted again."""
+        """A pose to fit, and that fit's pose to be fitted again if it is the best so far, or finds more than the best.
+
+        The points of a fit are those that are visible where it begins: elsewhere fewer of them are to be found.
+        """
         best = ranking.top
         yield Attempt(pose, self.config.found_sigma, self.searcher.half_px, score)
-        if ranking.top is not best:
-            yield Attempt(motion(ranking.top.cam_from_world), self.known_sigma, self.searcher.half_px)
+        last = ranking.fits[-1] if ranking.fits else best
+        if last is not best and (last is ranking.top or last.found > best.found):
+            yield Attempt(motion(last.cam_from_world), self.known_sigma, self.searcher.half_px)
 
     def attempts(self, candidates: list[Candidate], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit in order: the moved best pose of earlier frames; untried poses that match the image about as
