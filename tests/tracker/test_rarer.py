@@ -64,6 +64,36 @@ A_ROW = Searched(
 """Seen at its end."""
 
 
+def test_a_fit_that_finds_what_chance_explains_less_is_kept_beside_a_best_one_of_more_support():
+    true, wrong = ONE_BOX.at(0.0), replace(ONE_BOX.at(0.1), support=0.95)
+    ranking = ONE_BOX.ranking(wrong, true)
+    assert true.support < wrong.support - CONFIG.relocalization.lead
+    assert [each.fit for each in ranking.contenders()] == [wrong]
+    assert ONE_BOX.relocator.rarer(ranking) == [true]
+    ranking.believe_as_the_best([true])
+    assert {each.fit for each in ranking.contenders()} == {wrong, true}
+
+
+def test_a_fit_that_chance_explains_better_says_nothing_against_the_best_one():
+    true, wrong = ONE_BOX.at(0.0), replace(ONE_BOX.at(0.1), support=0.95)
+    assert ONE_BOX.relocator.rarer(ONE_BOX.ranking(true, wrong)) == []
+
+
+@pytest.mark.parametrize("support", [0.0, 0.29])
+def test_nor_does_one_of_less_support_than_any_pose_needs(support):
+    true, wrong = replace(ONE_BOX.at(0.0), support=support), ONE_BOX.at(0.1)
+    assert ONE_BOX.relocator.rarer(ONE_BOX.ranking(wrong, true)) == []
+
+
+@pytest.mark.parametrize("panels", [1, 2])
+def test_poses_at_which_the_structure_looks_alike_are_left_to_the_comparison_of_rivals(panels):
+    """Both find real edges: which of them chance explains less tells little."""
+    log10 = {fit: A_ROW.fitter.log10_chance(fit.searched) for fit in map(A_ROW.at, (0.0, -panels * PANEL_M))}
+    rarer, best = sorted(log10, key=log10.__getitem__)
+    assert log10[rarer] < log10[best] - 1.0
+    assert A_ROW.relocator.rarer(A_ROW.ranking(best, rarer)) == []
+
+
 @pytest.mark.parametrize(("found", "fits"), [(0.5, 1), (2.0, 2)])
 def test_a_fit_that_finds_more_than_the_best_is_repeated_though_it_has_less_support(found, fits):
     """Its control points are those that are visible where it began, so that its support is too small."""

@@ -291,6 +291,10 @@ class EdgeFitter:
             widths.fine_half_px,
         )
 
+    def log10_chance(self, searched: Searched) -> float:
+        """Decimal logarithm of the bound on the probability that a random pose finds as much as a search did."""
+        return self.chance_of(searched, searched.found.estimate.weighting).whole
+
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
         points = problem.points

@@ -122,6 +122,11 @@ class Ranking:
             self.score = max(self.score, self.first + fit.support - self.top.support)
             self.top = fit
 
+    def believe_as_the_best(self, fits: Sequence[Fit]) -> None:
+        """Credit fits with the support that they lack of that of the best one."""
+        for fit in fits:
+            self.credits[fit] = max(self.credits.get(fit, 0.0), self.top.support - fit.support)
+
     def prior(self, pose: Pose) -> list[float]:
         """Worth of a pose before this frame under each hypothesis."""
         return [each.prior(pose, self.config.lead) for each in self.likely]

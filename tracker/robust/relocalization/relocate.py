@@ -27,7 +27,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
     grid,
 )
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target
-from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support
+from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
@@ -147,6 +147,9 @@ class Relocator:
         leads = leads and self.rivals.trail_left(ranking, compared)
         if ranking.top is not sought.first:  # compared before the fits beside it, so that each place counts once
             leads = self.turned.agree(sought, ranking, self.tried) and leads
+        rarer = self.rarer(ranking)
+        ranking.believe_as_the_best(rarer)
+        leads = leads and not rarer
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
@@ -194,6 +197,26 @@ class Relocator:
         """Lead in support of a fit over those that converged to other poses since the search began."""
         same = self.tried.within_reach(motion(fit.cam_from_world), self.tried.reached)
         return believed_support(fit) - float(self.tried.supports[~same].max(initial=0.0))
+
+    def rarer(self, ranking: Ranking) -> list[Fit]:
+        """Fits that end elsewhere than the best one, and find what chance explains less than what the best one finds.
+
+        Behind people the true pose may have less support than a pose at a box of theirs that has fewer edges to show.
+        Poses at which the structure looks alike are not among them: both find edges of it, whatever chance does.
+        """
+        top, least = ranking.top, self.fitter.config.initialization.min_support
+        if top.searched is None:
+            return []
+        most = self.fitter.log10_chance(top.searched)
+        return [
+            fit
+            for fit in ranking.fits
+            if fit.searched is not None
+            and fit.support >= least
+            and self.fitter.log10_chance(fit.searched) < most
+            and not ends_at(fit, top, self.config.found_sigma, ranking.range_m)
+            and not self.rivals.look_alike(top, fit, ranking.range_m)
+        ]
 
     def shift_sigma_px(self, sought: Sought) -> float:
         """Standard deviation of the image shift at the most likely guess, px of the small image."""

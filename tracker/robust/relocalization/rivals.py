@@ -192,6 +192,13 @@ class Rivals:
         some = some[np.linspace(0, len(some) - 1, min(len(some), SHARED)).round().astype(np.int64)]
         return self.similarity.shares(points[some], self.along(fit.searched)[some])
 
+    def look_alike(self, fit: Fit, other: Fit, range_m: float) -> bool:
+        """Whether what was found at a fit is explained by another one as well, a shift of the structure away."""
+        at = fit.cam_from_world
+        apart = at.rotation.T @ (at.translation - other.cam_from_world.translation)
+        near = np.linalg.norm(self.similarity.shifts - apart, axis=1) < self.config.found_sigma * range_m
+        return bool(near.any() and self.shares(fit)[near].max() >= self.config.similarity.share)
+
     def trail_left(self, ranking: Ranking, compared: Compared) -> bool:
         """Whether the best fit has clearly more worth than the rivals that were left are taken to have."""
         least = ranking.outdone
