@@ -120,3 +120,16 @@ def test_room_is_left_for_the_rivals_of_any_fit_that_chance_does_not_explain(sup
     sought = A_ROW.sought(fit, thorough=True)
     ranking, tried = Ranking(sought, CONFIG.relocalization), TriedPoses(A_ROW.relocator.searcher)
     assert A_ROW.relocator.rivals.awaited(sought, ranking, tried) > 0
+
+
+def test_what_held_a_fit_where_it_began_is_no_knowledge_of_its_pose():
+    """A fit from close by ends where one from farther away does; their covariances are equal without the priors."""
+    near, far = (isotropic_covariance(sigma, RANGE_M) for sigma in (0.002, 0.02))
+    ONE_BOX.fitter.begin(0, 1.0, sharp=True)
+    fits = [ONE_BOX.fitter.searched(ONE_BOX.image, ONE_BOX.pose, prior, StageClock(), 12.0) for prior in (near, far)]
+    wide = np.linalg.inv(isotropic_covariance(CONFIG.relocalization.found_sigma, RANGE_M))
+    freed = [fit.with_prior(wide) for fit in fits]
+    sigmas = [fit.sigma for fit in (*fits, *freed)]
+    assert sigmas[0] < 0.95 * sigmas[1]
+    assert sigmas[2] == pytest.approx(sigmas[3], rel=0.02)
+    assert all(fit.residuals.prior_information is wide for fit in freed)

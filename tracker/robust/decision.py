@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.scenes.camera import Camera
+from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory
@@ -66,12 +67,14 @@ class Decider:
         self.before: Before | None = None
         self.led = False
 
-    def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
+    def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
         first = self.state.is_first
-        found = self.initialized_or_recovered(frame, fit, clock)
+        found = self.initialized_or_recovered(frame, tracked, clock)
         patches = self.fitter.texture
-        fit = self.without_patches(frame, found.fit, clock)
+        best = self.without_patches(frame, found.fit, clock)
+        given = best is tracked or (first and self.kept_initial)
+        fit = best if given else self.freed(best)
         settled = found.settled and self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
@@ -82,7 +85,7 @@ class Decider:
         if anew is not None:
             fit, settled = anew, True
         if not settled or self.doubts.settled:
-            others = found.contenders if fit is found.fit else ()
+            others = found.contenders if best is found.fit else ()
             return Decision(fit, settled, found.rivalled, contenders=others or (Contender(fit),))
         fit = self.doubted(frame, fit, clock)
         self.before = None if self.doubts.settled else self.before
@@ -116,7 +119,7 @@ class Decider:
         if not (self.doubts.settled and self.doubts.without_memory().has_room_for(1)):
             return None
         with clock.stage("relocalize"):
-            anew = self.doubts.anew(frame.image, fit, self.state.range_m)
+            anew = self.freed(self.doubts.anew(frame.image, fit, self.state.range_m))
         if not self.state.may_begin_at(anew):
             return None
         known = self.fitter.memory._replace(appearance=frame.before.appearance)
@@ -126,7 +129,15 @@ class Decider:
         self.state.begin_again(Motion(anew.cam_from_world, anew.covariance), anew.range_m)
         self.state.is_lost = False
         self.doubts.begin(anew)
-        return self.fitter.located(anew, clock)
+        return self.freed(self.fitter.located(anew, clock))
+
+    def freed(self, fit: Fit) -> Fit:
+        """A fit that was held near where it began, with the covariance that it has without that.
+
+        No more is known beforehand than what a search tells.
+        """
+        wide = isotropic_covariance(self.config.relocalization.found_sigma, fit.range_m)
+        return fit.with_prior(inverse6(wide)) if fit.finite else fit
 
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""
@@ -140,8 +151,9 @@ class Decider:
         if better is None:
             return fit
         self.fitter.forget()
+        better = self.freed(better)
         self.state.begin_again(Motion(better.cam_from_world, better.covariance), better.range_m)
-        return self.fitter.located(better, clock)
+        return self.freed(self.fitter.located(better, clock))
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""

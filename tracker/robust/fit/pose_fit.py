@@ -1,13 +1,14 @@
 """A fit: its problem, intermediate results, and the pose with its support and residuals."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.fit.false_alarms import Chance
@@ -134,6 +135,14 @@ class Fit:
         if self.residuals is None or not len(self.residuals.points.points):
             return None
         return np.asarray(self.cam_from_world.transform(self.residuals.points.points).mean(axis=0))
+
+    def with_prior(self, information: Array) -> "Fit":
+        """The fit, with the covariance and what is learned from it as by a prior of this information (6, 6)."""
+        if self.residuals is None:
+            return self
+        whole = self.residuals.step.information - self.residuals.prior_information + information
+        residuals = self.residuals._replace(prior_information=information)
+        return replace(self, covariance=inverse6(whole), residuals=residuals)
 
     def log10_false_alarms(self, poses: int) -> float:
         """Decimal logarithm of how many of so many random poses are expected to find as much."""
