@@ -133,3 +133,20 @@ def test_what_held_a_fit_where_it_began_is_no_knowledge_of_its_pose():
     assert sigmas[0] < 0.95 * sigmas[1]
     assert sigmas[2] == pytest.approx(sigmas[3], rel=0.02)
     assert all(fit.residuals.prior_information is wide for fit in freed)
+
+
+def test_a_pose_that_is_not_known_well_enough_is_tracked_as_ambiguous():
+    poses, images = flown(6, seed=11)
+    statuses, errors_m = {}, {}
+    for accuracy in (CONFIG.loss.accuracy, 1e-4):
+        config = replace(CONFIG, loss=replace(CONFIG.loss, accuracy=accuracy))
+        run = Robust(config).start(box(), CAMERA, poses[0], np.random.default_rng(0))
+        results = [run.track(image, (k + 1) * STEP_NS) for k, image in enumerate(images)]
+        told = [result.guess or result.cam_from_world for result in results]
+        statuses[accuracy] = {result.status for result in results}
+        errors_m[accuracy] = [
+            np.linalg.norm(pose.inverse().translation - true.inverse().translation)
+            for pose, true in zip(told, poses, strict=True)
+        ]
+    assert statuses == {CONFIG.loss.accuracy: {"ok"}, 1e-4: {"ambiguous"}}
+    assert errors_m[1e-4] == errors_m[CONFIG.loss.accuracy]

@@ -31,16 +31,16 @@ class Decision(NamedTuple):
     """A fit, and whether it is accepted.
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
-    well. searched: the fit is that of a pose search. doubted: a settled pose that is not told apart yet from those
-    around it. leads: in this frame and the last one that was searched, an unsettled fit leads those at likely poses.
-    contenders: the fits that may be right, where it is not settled.
+    well. searched: the fit is that of a pose search. is_open: a settled pose that is not told apart (yet) from those
+    around it: it is doubted, or not known well enough. leads: in this frame and the last one that was searched, an
+    unsettled fit leads those at likely poses. contenders: the fits that may be right, where it is not settled.
     """
 
     fit: Fit
     settled: bool
     rivalled: bool = False
     searched: bool = False
-    doubted: bool = False
+    is_open: bool = False
     leads: bool = False
     contenders: tuple[Contender, ...] = ()
 
@@ -86,10 +86,11 @@ class Decider:
             fit, settled = anew, True
         if not settled or self.doubts.settled:
             others = found.contenders if best is found.fit else ()
-            return Decision(fit, settled, found.rivalled, contenders=others or (Contender(fit),))
+            is_open, contenders = settled and self.is_open(fit), others or (Contender(fit),)
+            return Decision(fit, settled, found.rivalled, is_open=is_open, contenders=contenders)
         fit = self.doubted(frame, fit, clock)
         self.before = None if self.doubts.settled else self.before
-        return Decision(fit, True, doubted=not self.doubts.settled)
+        return Decision(fit, True, is_open=self.is_open(fit))
 
     def give_up_doubted(self, before: Photometry) -> Photometry:
         """Return from a doubted pose, if there is one, to what was known before, or to the initial pose.
@@ -138,6 +139,10 @@ class Decider:
         """
         wide = isotropic_covariance(self.config.relocalization.found_sigma, fit.range_m)
         return fit.with_prior(inverse6(wide)) if fit.finite else fit
+
+    def is_open(self, fit: Fit) -> bool:
+        """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
+        return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
 
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""

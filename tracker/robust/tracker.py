@@ -87,9 +87,9 @@ class RobustRun:
             return undecided(decision, frame, clock)
         with clock.stage("learn"):
             self.learn(frame, decision.fit, stamp_ns)
-            if not decision.doubted:
+            if not decision.is_open:
                 self.decider.places.add(frame.image, decision.fit.cam_from_world, decision.fit.range_m)
-        return undecided(decision, frame, clock) if decision.doubted else tracked(decision.fit, clock)
+        return undecided(decision, frame, clock) if decision.is_open else tracked(decision.fit, clock)
 
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:
         """Update appearance, patches, biases, motion and the usual support with the fit of a frame."""
@@ -116,7 +116,7 @@ def undecided(decision: Decision, frame: Frame, clock: StageClock) -> TrackResul
     """The result of a frame without an accepted pose: `ambiguous` if several poses explain it about equally well."""
     fit = decision.fit
     return TrackResult(
-        status="ambiguous" if decision.rivalled or decision.doubted else "lost",
+        status="ambiguous" if decision.rivalled or decision.is_open else "lost",
         guess=(fit if fit.finite else frame.predicted).cam_from_world,
         stage_ms=clock.ms,
         control_points=fit.control_points,

@@ -130,6 +130,12 @@ class Fit:
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
 
     @property
+    def sigma(self) -> float:
+        """Standard deviation of the position, as a fraction of the range, or of the rotation, rad: the larger one."""
+        variance = np.diagonal(self.covariance).tolist()
+        return max(math.sqrt(sum(variance[:3])) / self.range_m, math.sqrt(sum(variance[3:])))
+
+    @property
     def focus(self) -> Array | None:
         """Mean (3,) of the control points in the camera frame; None without any."""
         if self.residuals is None or not len(self.residuals.points.points):
