@@ -94,6 +94,13 @@ def test_poses_at_which_the_structure_looks_alike_are_left_to_the_comparison_of_
     assert A_ROW.relocator.rarer(A_ROW.ranking(best, rarer)) == []
 
 
+@pytest.mark.parametrize(("lost", "lead"), [(False, CONFIG.relocalization.lead_of_rivals), (True, 0.1)])
+def test_a_run_without_a_pose_needs_a_larger_lead_over_rivals(lost, lead):
+    fit = ONE_BOX.at(0.0)
+    found = Ranking(ONE_BOX.sought(fit)._replace(lost=lost), CONFIG.relocalization)
+    assert found.worth(fit.support, fit.cam_from_world) - found.outdone == pytest.approx(lead)
+
+
 @pytest.mark.parametrize(("found", "fits"), [(0.5, 1), (2.0, 2)])
 def test_a_fit_that_finds_more_than_the_best_is_repeated_though_it_has_less_support(found, fits):
     """Its control points are those that are visible where it began, so that its support is too small."""

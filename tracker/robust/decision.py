@@ -212,9 +212,8 @@ class Decider:
             return Decision(fit, True)
         with clock.stage("relocalize"):
             guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
-            found = self.relocator.confirm(
-                Sought(frame.image, [guess], covariance, self.state.range_m, fit, thorough=True, likely=frame.likely)
-            )
+            sought = Sought(frame.image, [guess], covariance, self.state.range_m, fit, thorough=True)
+            found = self.relocator.confirm(sought._replace(likely=frame.likely, lost=self.state.is_lost))
         return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
@@ -253,9 +252,8 @@ class Decider:
         recalled, work = self.recalled(frame, fit), self.fitter.work
         reserve = self.fitter.cost(1) if self.led else 0  # for a fit where the run may begin again
         work.allowed -= reserve
-        found = self.relocator.search(
-            Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, slow, recalled, frame.likely)
-        )
+        sought = Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, slow, recalled, frame.likely)
+        found = self.relocator.search(sought._replace(lost=self.state.is_lost))
         work.allowed += reserve
         given = first and self.is_as_given(fit)
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.

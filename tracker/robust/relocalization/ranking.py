@@ -59,7 +59,7 @@ class Sought(NamedTuple):
     guesses: poses around which to search, the most likely first, with its covariance (6, 6); first: a fit that was
     already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
-    none for the first guess alone.
+    none for the first guess alone; lost: whether no pose of the last frame was accepted.
     """
 
     image: Image
@@ -71,6 +71,7 @@ class Sought(NamedTuple):
     thorough: bool = False
     recalled: Sequence[Pose] = ()
     likely: Sequence[Likely] = ()
+    lost: bool = False
 
 
 class Ranking:
@@ -83,7 +84,7 @@ class Ranking:
         self.from_near = [pose.inverse() for pose in near]
         self.fits: list[Fit] = []
         self.credits: dict[Fit, float] = {}
-        self.range_m = sought.range_m
+        self.range_m, self.lost = sought.range_m, sought.lost
         self.information = np.linalg.inv(sought.covariance)
         self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
         self.score = self.first = -np.inf
@@ -149,9 +150,9 @@ class Ranking:
     def outdone(self) -> float:
         """Worth up to which the best fit clearly leads another pose.
 
-        The lead is larger where the run has several hypotheses, whose frames look alike.
+        The lead is larger where no pose of the last frame was accepted: it takes more to be found than to be followed.
         """
-        lead = self.config.lead if len(self.likely) > 1 else self.config.lead_of_rivals
+        lead = self.config.lead if self.lost else self.config.lead_of_rivals
         return self.worth(self.compared(self.top), self.top.cam_from_world) - lead
 
     def contenders(self) -> tuple[Contender, ...]:
