@@ -103,6 +103,12 @@ def test_three_mistakes_are_told_at_once(tmp_path):
         ("effects =", "camera.fx_px = 300.0\neffects =", "sequences.box.camera", "give all of fx_px"),
         ('"indoor" }', '"outdoor", grain = 0.5 }', "sequences.box.environment.grain", "less than or equal to 0.3"),
         ('"indoor" }', '"outdoor", grain = -0.1 }', "sequences.box.environment.grain", "greater than or equal to 0"),
+        (
+            '"indoor" }',
+            '"outdoor", ground_patches = 0.7 }',
+            "sequences.box.environment.ground_patches",
+            "less than or equal to 0.6",
+        ),
         ('"indoor" }', '"indoor", sharp_textures = "very" }', "sequences.box.environment.sharp_textures", "boolean"),
         ("[sequences.box]", '[sequences."../box"]', "sequences.../box", "match pattern"),
         ("title", "titel", "titel", "did you mean 'title'"),
