@@ -38,7 +38,9 @@ def excess(image, lines, distance, blur_px, learned=True):
     n = len(lines.lines)
     appearance = np.zeros((n, 8))
     appearance[:, :6], appearance[:, 6] = CODES, float(learned)
-    return excess_blur(image, lines, np.arange(n), appearance, np.broadcast_to(distance, n).astype(float), blur_px)
+    return excess_blur.for_python(
+        image, lines, np.arange(n), appearance, np.broadcast_to(distance, n).astype(float), blur_px
+    )
 
 
 @pytest.mark.parametrize("angle", [0, 17, 45, 80, 200])

@@ -27,7 +27,7 @@ take time."""
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 lines i1 f2 f1 f0", lines=SEARCH_LINES)
+@compiled("u3 lines i1 f2 f1 f0", inner=True, lines=SEARCH_LINES)
 def excess_blur(
     image: Image, at: SearchLines, rows: Indices, appearance: Array, distance: Array, blur_px: float
 ) -> float:

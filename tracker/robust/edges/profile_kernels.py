@@ -189,7 +189,7 @@ def search(
     return Candidates(distance, contrast)
 
 
-@compiled("u3 lines i1 f1 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
+@compiled("u3 lines i1 f1 f2! appearance", inner=True, lines=SEARCH_LINES, appearance=APPEARANCE)
 def learn(
     image: Image, at: SearchLines, rows: Indices, found: Array, appearance: Array, config: AppearanceConfig
 ) -> None:
@@ -221,7 +221,7 @@ def first_square(step: float, weak_step: float) -> float:
     return min(MOST_SQUARE_PX2, 0.01 + (weak_step / max(step, 1.0)) ** 2)
 
 
-@compiled("lines i1 f1 f2 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
+@compiled("lines i1 f1 f2 f2! appearance", inner=True, lines=SEARCH_LINES, appearance=APPEARANCE)
 def learn_squares(
     at: SearchLines, rows: Indices, residual: Array, covariance: Array, appearance: Array, config: AppearanceConfig
 ) -> None:
