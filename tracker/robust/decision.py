@@ -120,17 +120,23 @@ class Decider:
         if not (self.doubts.settled and self.doubts.without_memory().has_room_for(1)):
             return None
         with clock.stage("relocalize"):
-            anew = self.freed(self.doubts.anew(frame.image, fit, self.state.range_m))
+            anew = self.doubts.anew(frame.image, fit, self.state.range_m)
         if not self.state.may_begin_at(anew):
             return None
         known = self.fitter.memory._replace(appearance=frame.before.appearance)
         self.before, self.led = Before(known, replace(self.state), frame.before), False
         self.relocator.forget()
-        self.fitter.forget()
-        self.state.begin_again(Motion(anew.cam_from_world, anew.covariance), anew.range_m)
+        fit = self.begun_at(anew, clock)
         self.state.is_lost = False
         self.doubts.begin(anew)
-        return self.freed(self.fitter.located(anew, clock))
+        return fit
+
+    def begun_at(self, fit: Fit, clock: StageClock) -> Fit:
+        """The fit, its edges located, at which the run begins again with an empty memory."""
+        self.fitter.forget()
+        start = self.freed(fit)
+        self.state.begin_again(Motion(start.cam_from_world, start.covariance), start.range_m)
+        return self.freed(self.fitter.located(fit, clock))
 
     def freed(self, fit: Fit) -> Fit:
         """A fit that was held near where it began, with the covariance that it has without that.
@@ -153,12 +159,7 @@ class Decider:
         """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
         with clock.stage("relocalize"):
             better = self.doubts.better(frame.image, fit, self.state.range_m)
-        if better is None:
-            return fit
-        self.fitter.forget()
-        better = self.freed(better)
-        self.state.begin_again(Motion(better.cam_from_world, better.covariance), better.range_m)
-        return self.freed(self.fitter.located(better, clock))
+        return fit if better is None else self.begun_at(better, clock)
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""
@@ -212,8 +213,17 @@ class Decider:
             return Decision(fit, True)
         with clock.stage("relocalize"):
             guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
-            sought = Sought(frame.image, [guess], covariance, self.state.range_m, fit, thorough=True)
-            found = self.relocator.confirm(sought._replace(likely=frame.likely, lost=self.state.is_lost))
+            sought = Sought(
+                frame.image,
+                [guess],
+                covariance,
+                self.state.range_m,
+                fit,
+                thorough=True,
+                likely=frame.likely,
+                lost=self.state.is_lost,
+            )
+            found = self.relocator.confirm(sought)
         return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
@@ -252,8 +262,19 @@ class Decider:
         recalled, work = self.recalled(frame, fit), self.fitter.work
         reserve = self.fitter.cost(1) if self.led else 0  # for a fit where the run may begin again
         work.allowed -= reserve
-        sought = Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, slow, recalled, frame.likely)
-        found = self.relocator.search(sought._replace(lost=self.state.is_lost))
+        sought = Sought(
+            frame.image,
+            guesses,
+            covariance,
+            self.state.range_m,
+            fit,
+            sure=sure,
+            thorough=slow,
+            recalled=recalled,
+            likely=frame.likely,
+            lost=self.state.is_lost,
+        )
+        found = self.relocator.search(sought)
         work.allowed += reserve
         given = first and self.is_as_given(fit)
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.

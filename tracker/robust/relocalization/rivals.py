@@ -123,8 +123,7 @@ class Rivals:
         """
         if top.searched is None or rival.searched is None or not rival.finite:
             return 0.0
-        at = top.cam_from_world
-        shift = at.rotation.T @ (at.translation - pose.t)
+        shift = shift_between(top.cam_from_world, pose.t)
         there, here = self.shared(top.searched, shift), self.shared(rival.searched, -shift)
         if not (there.counts.any() and here.counts.any()):
             return 0.0
@@ -194,8 +193,7 @@ class Rivals:
 
     def look_alike(self, fit: Fit, other: Fit, range_m: float) -> bool:
         """Whether what was found at a fit is explained by another one as well, a shift of the structure away."""
-        at = fit.cam_from_world
-        apart = at.rotation.T @ (at.translation - other.cam_from_world.translation)
+        apart = shift_between(fit.cam_from_world, other.cam_from_world.translation)
         near = np.linalg.norm(self.similarity.shifts - apart, axis=1) < self.config.found_sigma * range_m
         return bool(near.any() and self.shares(fit)[near].max() >= self.config.similarity.share)
 
@@ -210,3 +208,8 @@ class Rivals:
         others = ~tried.within_reach(motion(ranking.top.cam_from_world), reached) & (tried.supports > least)
         poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
         return not any(ranking.worth(tried.supports[k], pose) > least for k, pose in poses)
+
+
+def shift_between(pose: Pose, translation: Array) -> Array:
+    """Shift (3,) of the structure that brings it from a pose to one of the same rotation and this translation (3,)."""
+    return np.asarray(pose.rotation.T @ (pose.translation - translation))
