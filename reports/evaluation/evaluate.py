@@ -59,7 +59,7 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
         p, q = paired_by_row(p, q, reference.name, estimate.name)
     files = {"mode": options.get("mode", OWN_MODE), "reference": _about(first), "estimate": _about(second)}
     try:
-        return evaluate(p, q, chosen, files, second.covariances)
+        return evaluate(p, q, chosen, files, second.covariances, second.asked_ns if first.stamped else None)
     except UserError as error:
         raise UserError(f"{reference.name} against {estimate.name}: {error}") from None
 

@@ -4,13 +4,14 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.evaluation.plausibility import doubts
 from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
-from uavbench.reports.metrics.association import NS, PosePairs, match, paired
+from uavbench.reports.metrics.association import NS, PosePairs, match, one_to_one, paired
 from uavbench.reports.metrics.rpe import interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from uavbench.reports.evaluation.panels import Quantity
+
+OF_TRACKER = "matched poses / frames of the tracker within the reference"
+OF_FILES = "matched poses / poses of the sparser file over the reference's span"
+"""How coverage is computed, for the record: where a tracker's frames are known, and where they are not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +73,9 @@ def _shown(found: Consistency | None) -> str:
 class Evaluation:
     """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one pair interval.
 
-    coverage: matched poses over the number of poses that the sparser of the two trajectories would have over the
-    reference's time span. nees: consistency of the estimate's covariances, if it has any.
+    coverage: matched poses over the tracker's frames that the reference has poses for; where these are not known, over
+    the number of poses that the sparser of the two trajectories would have over the reference's time span. nees:
+    consistency of the estimate's covariances, if it has any.
     """
 
     ate: dict[str, ErrorSummary]
@@ -154,10 +160,11 @@ def evaluate(
     options: Options | None = None,
     files: dict[str, Any] | None = None,
     claimed: PoseCovariances | None = None,
+    asked_ns: NDArray[np.int64] | None = None,
 ) -> Evaluation:
     """Evaluation of two trajectories; `files` goes into the record. UserError when they cannot be compared.
 
-    claimed: covariances of the estimate's poses.
+    claimed: covariances of the estimate's poses. asked_ns: stamps of all frames that its tracker was given, if known.
     """
     options = options or Options()
     rows = match(reference, estimate, options.association, options.max_difference_s, options.offset_s)
@@ -166,6 +173,11 @@ def evaluate(
     found = alignment(pairs, options.align)
     if options.align != "none":
         pairs = found.apply(pairs)
+    if asked_ns is None:
+        expected = expected_poses(reference, estimate)
+    else:
+        asked_s = asked_ns / NS + options.offset_s
+        expected = len(one_to_one(reference.stamps_ns / NS, asked_s, options.max_difference_s).reference)
     interval = options.interval
     i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
@@ -185,7 +197,7 @@ def evaluate(
         }
         if len(i)
         else None,
-        coverage=coverage(reference, estimate, pairs),
+        coverage=coverage(pairs, expected),
         segments=tuple(s for s in segments if s.translation_m.n),
         record={
             **(files or {}),
@@ -205,7 +217,7 @@ def evaluate(
             "all_pairs": interval.all_pairs,
             "pairs_from": interval.pairs_from,
             "std_ddof": 0,
-            "coverage": "matched poses / poses of the sparser file over the reference's span",
+            "coverage": OF_FILES if asked_ns is None else OF_TRACKER,
             "doubts": [*doubts(reference, estimate, raw, options.align)],
             "versions": versions(),
         },
@@ -214,12 +226,20 @@ def evaluate(
     )
 
 
-def coverage(reference: Trajectory, estimate: Trajectory, pairs: PosePairs) -> float:
-    """Matched poses over those that the sparser trajectory at its median rate has over the reference's span."""
-    span_s = float(reference.stamps_ns[-1] - reference.stamps_ns[0]) / NS
-    matched = 1 + int(np.count_nonzero(np.diff(pairs.stamps_ns)))
+def coverage(pairs: PosePairs, expected: int) -> float:
+    """Matched poses of the reference over the number expected."""
+    return min(1.0, (1 + int(np.count_nonzero(np.diff(pairs.stamps_ns)))) / expected)
+
+
+def expected_poses(reference: Trajectory, estimate: Trajectory) -> int:
+    """Number of poses of the sparser trajectory, at its rate, over the reference's span.
+
+    The estimate's period is the median of its short steps, those of less than 1.5 times their lower quartile: the
+    others span frames without a pose.
+    """
     if len(reference) < 2 or len(estimate) < 2:
-        return matched / len(reference)
-    step_s = float(np.median(np.diff(estimate.stamps_ns))) / NS
-    expected = min(len(reference), round(span_s / step_s) + 1)
-    return min(1.0, matched / expected)
+        return len(reference)
+    span_s = float(reference.stamps_ns[-1] - reference.stamps_ns[0]) / NS
+    steps_s = np.diff(estimate.stamps_ns) / NS
+    period_s = float(np.median(steps_s[steps_s < 1.5 * np.quantile(steps_s, 0.25)]))
+    return min(len(reference), round(span_s / period_s) + 1)

@@ -51,7 +51,8 @@ class Found:
 
     frame: declared frame such as `world_from_body`, None if the file declares none; for a bag `?` replaces a frame that
     the messages do not name. stamped: whether the stamps are times and not row numbers. covariances: of the poses, if
-    the file has any.
+    the file has any. asked_ns: stamps of all frames that a tracker was given, with and without a pose, where its
+    frames.csv says so.
     """
 
     trajectory: Trajectory
@@ -60,6 +61,7 @@ class Found:
     frame: str | None
     stamped: bool = True
     covariances: PoseCovariances | None = None
+    asked_ns: NDArray[np.int64] | None = None
 
     def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
         """The trajectory converted to another moving frame, body or camera; frame: as in `world_from_cam`."""
@@ -85,8 +87,7 @@ def find_trajectory(path: Path, format: str | None = None) -> Found:
         poses = read_poses(bag)
         return Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame, covariances=poses.covariances)
     file = _in_folder(path) if path.is_dir() else path
-    found = _of_file(file, format)
-    return _with_claims_beside(found) if path.is_dir() and found.covariances is None else found
+    return _with_frames_beside(_of_file(file, format), claims=path.is_dir())
 
 
 def _of_file(file: Path, format: str | None) -> Found:
@@ -169,7 +170,7 @@ def _of_table(path: Path) -> Found:
         claimed = _claimed(kept) if set(columns) >= set(COLUMNS) else None
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
-    return Found(trajectory, path, "uavbench", "world_from_cam", covariances=claimed)
+    return Found(trajectory, path, "uavbench", "world_from_cam", covariances=claimed, asked_ns=stamps)
 
 
 def world_from_cameras(stamps_ns: NDArray[np.int64], cameras: Array) -> Trajectory:
@@ -185,13 +186,16 @@ def _claimed(rows: list[dict[str, str]]) -> PoseCovariances | None:
     return PoseCovariances.of_columns(table, "moving")
 
 
-def _with_claims_beside(found: Found) -> Found:
-    """A tracker's trajectory with the covariances of the frames.csv beside it."""
+def _with_frames_beside(found: Found, *, claims: bool) -> Found:
+    """A tracker's trajectory with the frames of the frames.csv beside it, and with its covariances if `claims`."""
     table = found.file.with_name("frames.csv")
-    if not (found.file.name.startswith("estimate_") and table.is_file()):
+    if not (found.file.name.startswith("estimate_") and table.is_file() and "status" in read_header(table, TRAJECTORY)):
         return found
     beside = _of_table(table)
-    if beside.covariances is None or not np.array_equal(beside.trajectory.stamps_ns, found.trajectory.stamps_ns):
+    if not np.array_equal(beside.trajectory.stamps_ns, found.trajectory.stamps_ns):
+        return found
+    found = replace(found, asked_ns=beside.asked_ns)
+    if not claims or beside.covariances is None or found.covariances is not None:
         return found
     if found.frame is not None and found.frame != beside.frame:
         beside = beside.seen_as(found.frame, mount_of(found.file.parent))

@@ -1,5 +1,6 @@
 """Trajectories given by a script as a path, a `Trajectory`, an array or a DataFrame."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,14 +68,20 @@ def _of_table(table: Any, name: Path) -> Found:
     if not len(rows):
         raise ValueError("holds no pose: no row has the status ok")
     values = rows[POSE].to_numpy(dtype=np.float64)
-    given = rows[stamp].to_numpy()
-    stamps_ns = given if stamp == "stamp_ns" else _nanoseconds(given.astype(np.float64))
+    stamps_ns = _stamps_ns(rows, stamp)
     if not tracked:
         return Found(Trajectory(stamps_ns, values[:, :3], values[:, 3:]), name, "DataFrame", None)
     claimed = None
     if all(column in table.columns for column in COLUMNS):
         claimed = PoseCovariances.of_columns(rows[COLUMNS].to_numpy(dtype=np.float64), "moving")
-    return Found(world_from_cameras(stamps_ns, values), name, "DataFrame", "world_from_cam", covariances=claimed)
+    found = Found(world_from_cameras(stamps_ns, values), name, "DataFrame", "world_from_cam", covariances=claimed)
+    return replace(found, asked_ns=_stamps_ns(table, stamp))
+
+
+def _stamps_ns(table: Any, column: str) -> "NDArray[np.int64]":
+    """Stamps (n,) in ns of a column of STAMPS; ValueError naming the first invalid row."""
+    given = table[column].to_numpy()
+    return np.asarray(given) if column == "stamp_ns" else _nanoseconds(given.astype(np.float64))
 
 
 def _nanoseconds(seconds: Array) -> "NDArray[np.int64]":

@@ -14,7 +14,7 @@ from uavbench.reports.metrics.rpe import PairInterval
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
-from uavbench.trajectories.trajectory_files.formats import write_euroc, write_kitti
+from uavbench.trajectories.trajectory_files.formats import write_euroc, write_kitti, write_tum
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "evo"
 REFERENCE, ESTIMATE = GOLDEN / "A_orbit_gt.tum", GOLDEN / "A_orbit_est.tum"
@@ -90,6 +90,42 @@ def test_formats_are_guessed_and_agree(tmp_path: Path) -> None:
     assert found.record["estimate"]["format"] == "kitti"
     assert found.ate["translation_m"].max == pytest.approx(0.02, abs=1e-9)
     assert found.coverage == 1.0
+
+
+@pytest.mark.parametrize(("lost", "share"), [((1, 2), 0.5), ((2, 3), 0.67), ((1, 3), 0.34)])
+def test_a_tracker_that_loses_frames_in_turn_is_no_slower_one(
+    tmp_path: Path, lost: tuple[int, int], share: float
+) -> None:
+    truth = circle(101)
+    kept = np.arange(101) % lost[1] < lost[0]
+    write_tum(truth, tmp_path / "gt.tum", "world_from_cam")
+    estimate = Trajectory(truth.stamps_ns[kept], truth.positions_m[kept], truth.quaternions_wxyz[kept])
+    write_tum(estimate, tmp_path / "estimate_world_from_cam.tum", "world_from_cam")
+    rows = ["stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz"]
+    rows += [f"{t},ok,0,0,0,1,0,0,0" if ok else f"{t},lost,,,,,,," for t, ok in zip(truth.stamps_ns, kept, strict=True)]
+    (tmp_path / "frames.csv").write_text(lines(*rows))
+    for given in (tmp_path / "estimate_world_from_cam.tum", tmp_path, tmp_path / "frames.csv"):
+        found = evaluate_files(tmp_path / "gt.tum", given)
+        assert found.coverage == pytest.approx(share, abs=0.01)
+        assert found.record["coverage"] == "matched poses / frames of the tracker within the reference"
+
+
+def test_frames_outside_of_the_reference_are_not_expected() -> None:
+    truth, asked_ns = circle(101), np.arange(-50, 200) * 100_000_000
+    half = Trajectory(truth.stamps_ns[::2], truth.positions_m[::2], truth.quaternions_wxyz[::2])
+    assert evaluate(truth, half, asked_ns=asked_ns).coverage == pytest.approx(51 / 101)
+    assert evaluate(half, truth, asked_ns=asked_ns).coverage == 1.0
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.2])
+def test_without_its_frames_an_estimate_has_the_rate_of_its_short_steps(jitter_s: float) -> None:
+    truth, rng = circle(1001), np.random.default_rng(0)
+    stamps_ns = np.round((np.arange(100) + jitter_s * rng.uniform(-1, 1, 100)) * 1e9).astype(np.int64)
+    kept = np.arange(100) % 3 < 2
+    for rows, share in ((np.full(100, fill_value=True), 1.0), (kept, 0.67), (rng.random(100) < 0.5, 0.5)):
+        estimate = Trajectory(stamps_ns[rows], np.zeros((rows.sum(), 3)), np.tile([1.0, 0, 0, 0], (rows.sum(), 1)))
+        found = evaluate(truth, estimate, Options(max_difference_s=0.1))
+        assert found.coverage == pytest.approx(share, abs=0.1)
 
 
 def test_kitti_files_of_different_lengths_are_refused(tmp_path: Path) -> None:
