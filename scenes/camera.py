@@ -4,7 +4,9 @@ Axes are OpenCV's: x right, y down, z forward. Pixel centres lie at integer coor
 spans -0.5 .. width - 0.5.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -55,17 +57,23 @@ class Camera:
             raise ValueError(
                 f"{self.width} x {self.height} px are more than the {MOST_PIXELS:,} of the largest cameras"
             )
+        for name in ("fx", "fy", "cx", "cy"):
+            if isinstance(px := getattr(self, name), bool) or not isinstance(px, Real):
+                raise ValueError(f"{name} = {px!r}: must be a number of pixels, as in {name} = 400.0")
         if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
             raise ValueError("fx and fy must be positive, and fx fy cx cy finite")
-        counts = DISTORTION_COEFFICIENTS.get(self.distortion_model)
+        counts = DISTORTION_COEFFICIENTS.get(str(self.distortion_model))
         if counts is None:
             raise ValueError(
                 f"distortion_model {self.distortion_model!r} is not one of {', '.join(DISTORTION_COEFFICIENTS)}"
             )
+        numbers: Any = self.distortion
+        if not isinstance(numbers, Iterable) or not all(isinstance(k, Real) for k in numbers):
+            raise ValueError(f"distortion = {numbers!r}: must be a list of numbers, as in distortion = []")
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
         if len(self.distortion) not in counts or not np.isfinite(self.distortion).all():
-            numbers = " or ".join(map(str, counts))
-            raise ValueError(f"distortion of model {self.distortion_model} takes {numbers} finite numbers")
+            many = " or ".join(map(str, counts))
+            raise ValueError(f"distortion of model {self.distortion_model} takes {many} finite numbers")
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> "Camera":
@@ -132,7 +140,7 @@ class Camera:
                 f"{path}: unknown keys {unknown}, missing keys {missing} (a camera has {', '.join(fields)})"
             )
         try:
-            return cls(**{**values, "distortion": tuple(values.get("distortion", ()))})
+            return cls(**values)
         except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{path}: {error}") from None
 

@@ -23,6 +23,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.pose import Array, Pose
 
+LEAST_SPAN_PX = 4.0
+"""Least width or height of a model's edges in the first image: smaller ones are no more than a point."""
 PICKED_POINTS = 5
 """Number of points picked in the first image (Shang & Shen)."""
 
@@ -137,11 +139,27 @@ def pose_from_points(points_m: Array, pixels: Array, camera: Camera) -> Pose:
     return pose
 
 
-def read_init(path: Path, camera: Camera) -> Pose:
+def read_init(path: Path, camera: Camera, structure: Structure | None = None) -> Pose:
     """cam_from_model of an `init.toml`; UserError naming the file and the invalid key.
 
-    It holds `cam_from_model`, four rows of four, or `points`, a list of {model_m = [x, y, z], image_px = [u, v]}.
+    It holds `cam_from_model`, four rows of four, or `points`, a list of {model_m = [x, y, z], image_px = [u, v]}. Where
+    the structure is given, a pose at which its edges are not in the image is an error.
     """
+    pose = _read_pose(path, camera)
+    if structure is None:
+        return pose
+    segments_px = visible_edges(structure, camera, pose).segments_px.reshape(-1, 2)
+    span_px = float(np.ptp(segments_px, axis=0).max()) if len(segments_px) else 0.0
+    if span_px < LEAST_SPAN_PX:
+        seen = f"only {span_px:.2g} px wide" if span_px else "not in the image"
+        raise UserError(
+            f"{path}: at this pose the model is {seen}: it maps points of the model, in metres, to the camera, "
+            "x right, y down, z forward; is it the inverse, in another unit, or with the axes of OpenGL?"
+        )
+    return pose
+
+
+def _read_pose(path: Path, camera: Camera) -> Pose:
     values = read_toml(path)
     if set(values) == {"cam_from_model"}:
         try:

@@ -77,3 +77,23 @@ def test_mixed_sizes_and_missing_files_are_told(tmp_path: Path) -> None:
         calibrate([tmp_path], (7, 8), 0.025)
     with pytest.raises(UserError, match="no such file"):
         calibrate([tmp_path / "none"], (7, 8), 0.025)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("fx", '"500"', "fx = '500': must be a number of pixels"),
+        ("cy", "true", "cy = True: must be a number of pixels"),
+        ("cx", "[3]", r"cx = \[3\]: must be a number of pixels"),
+        ("distortion_model", "[1]", r"distortion_model \[1\] is not one of none"),
+        ("distortion", "5", "distortion = 5: must be a list of numbers"),
+        ("distortion", '"12"', "distortion = '12': must be a list of numbers"),
+        ("distortion", "[[0, 1, 2, 3]]", "distortion = .*: must be a list of numbers"),
+    ],
+)
+def test_a_camera_file_names_the_key_that_is_no_number(tmp_path: Path, key: str, value: str, message: str) -> None:
+    values = {"width": "64", "height": "48", "fx": "50", "fy": "50.0", "cx": "31.5", "cy": "23.5"}
+    path = tmp_path / "camera.toml"
+    path.write_text("".join(f"{name} = {given}\n" for name, given in {**values, key: value}.items()))
+    with pytest.raises(UserError, match=rf"camera\.toml: {message}"):
+        Camera.load(path)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
+from uavbench.tracker.images.recorded_sequence import Files
 from uavbench.tracker.images.track_images import in_order, track_images
 from uavbench.tracker.images.video_images import VideoImages
 from uavbench.tracker.initialization import (
@@ -106,6 +107,41 @@ def test_a_bad_init_toml_is_named(tmp_path, text, message):
     with pytest.raises(UserError, match=message) as caught:
         read_init(path, CAMERA)
     assert "init.toml" in str(caught.value)
+
+
+GL = np.diag([1.0, -1.0, -1.0, 1.0])
+MM = np.array([[1, 1, 1, 1000.0]] * 3 + [[1, 1, 1, 1]])
+
+
+@pytest.mark.parametrize(
+    ("pose", "seen"),
+    [
+        (np.linalg.inv(POSES[0].matrix), "not in the image"),
+        (GL @ POSES[0].matrix, "not in the image"),
+        (POSES[0].matrix * MM, "only .* px wide"),
+    ],
+)
+def test_a_first_pose_that_does_not_show_the_model_is_named(files, tmp_path, pose, seen):
+    path = tmp_path / "init.toml"
+    path.write_text(f"cam_from_model = {pose.tolist()}\n")
+    with pytest.raises(UserError, match=rf"init\.toml: at this pose the model is {seen}"):
+        read_init(path, CAMERA, BOX)
+    given = {"model": files / "box.cao", "camera": files / "camera.toml", "init": path}
+    with pytest.raises(UserError, match=seen):
+        track_images(TRACKERS["hold"](), files / "images", **given, out=tmp_path / "out")
+    source = Files(
+        images_path=str(files / "images"), model_file=str(files / "box.cao"),
+        camera_file=str(files / "camera.toml"), init_file=str(path),
+    )  # fmt: skip
+    with pytest.raises(UserError, match=seen):
+        source.find()
+
+
+@pytest.mark.parametrize("rate_hz", [float("nan"), 0.0, -1.0, 1e12, 1e-12, float("inf")])
+def test_a_rate_that_stamps_cannot_have_is_named(files, tmp_path, rate_hz):
+    given = {"model": files / "box.cao", "camera": files / "camera.toml", "init": files / "init.toml"}
+    with pytest.raises(UserError, match=r"Hz: images have 0\.001 to 1,000,000 Hz"):
+        track_images(TRACKERS["hold"](), files / "images", **given, out=tmp_path / "out", rate_hz=rate_hz)
 
 
 def test_a_folder_of_images_is_tracked(files, tmp_path):
@@ -233,3 +269,10 @@ def test_images_are_taken_in_the_order_of_their_numbers(tmp_path):
     assert [path.name for path in in_order(tmp_path)] == names
     (tmp_path / "0007.png").touch()
     assert in_order(tmp_path)[0].name == "0007.png"
+
+
+def test_names_with_other_digits_and_equal_numbers_have_one_order(tmp_path):
+    names = ["a1.jpg", "a01.png", "a1.png", "a2.png", "\u00b21.png", "\u0663.png"]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Interval
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
@@ -20,7 +20,7 @@ from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.image_files import read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, in_order, load_model
+from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
@@ -70,8 +70,9 @@ class Files:
     def find(self) -> Recording:
         """The recording."""
         camera = Camera.load(Path(self.camera_file))
-        first = read_init(Path(self.init_file), camera)
-        return Recording(images_in(Path(self.images_path)), camera, load_model(Path(self.model_file)), first)
+        structure = load_model(Path(self.model_file))
+        first = read_init(Path(self.init_file), camera, structure)
+        return Recording(images_in(Path(self.images_path)), camera, structure, first)
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class RecordingSpec:
     name: str
     seed: Annotated[int, Ge(0)]
     source: RecordingSource
-    rate_hz: Annotated[float, Gt(0)] = 30.0
+    rate_hz: Annotated[float, Interval(ge=RATES_HZ[0], le=RATES_HZ[1])] = 30.0
 
 
 def record(

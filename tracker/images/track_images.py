@@ -32,6 +32,8 @@ UNKNOWN_BODY = Body(Pose.identity(), {})
 """Mounting of the camera, which is unknown for real images."""
 SHOWN_HZ = (0.1, 1000.0)
 """Slowest and fastest frame rate of the overlay in Hz; a video's header may claim any, MP4 takes 0.01 to 65535."""
+RATES_HZ = (1e-3, 1e6)
+"""Lowest and highest rate of images: their stamps, whole nanoseconds, stay apart and below 2^63."""
 SEED = 0
 """Seed of the tracker's random numbers."""
 
@@ -55,9 +57,11 @@ def track_images(
     naming the invalid file.
     """
     refuse_foreign(out, MARKER)
+    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        raise UserError(f"rate {rate_hz:g} Hz: images have {RATES_HZ[0]:g} to {RATES_HZ[1]:,.0f} Hz")
     lens = Camera.load(camera)
     structure = load_model(model)
-    first = read_init(init, lens)
+    first = read_init(init, lens, structure)
     rng = stream(SEED, "tracker", tracker_kind(tracker))
     run = started(tracker, structure, lens, first, rng, UNKNOWN_BODY)
     rate_hz = rate_of(source, rate_hz)
@@ -115,7 +119,12 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[
 def in_order(folder: Path) -> list[Path]:
     """Images of a folder sorted by name, with numbers compared by value: 9.png before 10.png."""
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted(images, key=lambda path: [int(n) if n.isdigit() else n for n in re.split(r"([0-9]+)", path.name)])
+    return sorted(images, key=lambda path: (_by_numbers(path.name), path.name))
+
+
+def _by_numbers(name: str) -> list[str | int]:
+    """Texts and numbers of a name, in turn: a text first, which may be empty."""
+    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r"([0-9]+)", name))]
 
 
 def rate_of(source: Path | BagTopic, rate_hz: float) -> float:
