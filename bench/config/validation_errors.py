@@ -42,7 +42,7 @@ def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
     """Path at which a misplaced key would be valid, in an enclosing or a sibling table; "" if there is none."""
     name = str(keys[-1])
     for depth in range(len(keys) - 2, -1, -1):
-        if tables[depth] is not None and name in tables[depth].model_fields:
+        if keys[depth] != name and tables[depth] is not None and name in tables[depth].model_fields:
             return _path((*keys[:depth], name))
     for beside, known in tables[-1].model_fields.items() if tables[-1] else ():
         inner, more = _bare(known.annotation), [name]

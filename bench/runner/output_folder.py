@@ -11,7 +11,7 @@ from pathlib import Path
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.origin import refuse_foreign_file
+from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
 from uavbench.trajectories.files.writing import write_text
@@ -31,6 +31,7 @@ def resolved(folder: Path) -> Path:
 
 def refuse_foreign_folder(folder: Path, kind: str = RESULTS) -> None:
     """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a seal of this kind."""
+    refuse_within_whole(folder)
     if os.path.lexists(folder) and not folder.is_dir():
         raise UserError(f"{folder}: not a folder; name another one with --out")
     if not folder.is_dir() or sealed_kind(folder / SUITE) == kind:

@@ -272,6 +272,10 @@ def test_what_truth_and_crlb_ask_for_is_there(dataset):
             'flight.sensors = [{ kind = "imu" }]',
             "flight.sensors: unknown key here; did you mean 'sequences.a.sensors'?",
         ),
+        (
+            'flight.path = { kind = "recorded", path = "a.tum" }',
+            "sequences.a.flight.path.path: unknown key (valid: file, format, frame)",
+        ),
         ("flight.mount = { pitch_deg = 3.0 }", "flight.mount: unknown key here; did you mean 'sequences.a.mount'?"),
         ('wind = { kind = "still" }', "a.wind: unknown key here; did you mean 'sequences.a.flight.wind'?"),
         ("rates_hz = [3.0]", "a.rates_hz: unknown key here; did you mean 'rates_hz'?"),

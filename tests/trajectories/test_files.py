@@ -186,6 +186,21 @@ def test_a_folder_of_ours_is_made_anew_but_not_with_a_users_file_in_it(tmp_path)
     assert (tmp_path / "away-notes.txt").read_bytes() == PRECIOUS
 
 
+@pytest.mark.parametrize("where", ["new", "deep/er"])
+def test_nothing_is_written_into_a_folder_that_is_checked_as_a_whole(tmp_path, where):
+    folder = tmp_path / "results"
+    make(folder, "frames.csv")
+    before = snapshot(tmp_path)
+    with pytest.raises(UserError, match="results, which uavbench wrote and checks as a whole; name a folder outside"):
+        make(folder / where, "groundtruth.txt")
+    with pytest.raises(UserError, match="checks as a whole"), new_parts(folder / where, REPORT):
+        pass
+    assert snapshot(tmp_path) == before
+    make(folder, "frames.csv")
+    (folder / "record.json").write_text("{}")  # somebody's own
+    make(folder / where, "groundtruth.txt")
+
+
 @pytest.mark.parametrize("check", [1, 2])
 def test_what_a_user_puts_into_a_folder_while_it_is_checked_stays(tmp_path, monkeypatch, check):
     folder = tmp_path / "results"

@@ -218,6 +218,13 @@ def test_samples_between_rows_are_linear_and_on_rows_exact() -> None:
     np.testing.assert_array_equal(sampled(FLIGHT, FLIGHT.positions_m, on_rows), FLIGHT.positions_m[::2])
 
 
+def test_a_range_that_ends_nowhere_is_sampled_without_a_warning() -> None:
+    with np.errstate(invalid="raise"):
+        found = sampled(FLIGHT, np.full((len(FLIGHT), 1), np.inf), FLIGHT.stamps_ns[:-1] + 500_000)
+        assert np.isinf(found).all()
+        assert np.isinf(sampled(FLIGHT, np.full((len(FLIGHT), 1), np.inf), FLIGHT.stamps_ns)).all()
+
+
 @pytest.mark.parametrize("name", sorted(SENSORS))
 def test_a_rate_that_the_flight_cannot_serve_is_refused_of_every_sensor(name: str) -> None:
     flight, kind = standing(1.0), SENSORS[name]

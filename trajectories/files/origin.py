@@ -15,6 +15,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.listed import Listed, Marker, tree
 from uavbench.trajectories.files.seals import sealed_kind
 
+WHOLE = ("manifest.json", "record.json")
+"""Markers of folders that are checked as a whole, sequences and results: in one, any other file would be foreign."""
 _owned: ContextVar[frozenset[Path]] = ContextVar("owned", default=frozenset())
 
 
@@ -67,6 +69,16 @@ def foreign_error(folder: Path, name: str, marker: Marker | None, at: Path | Non
     if kind := sealed_kind((at or folder) / name):
         return UserError(f"{folder}: contains {name}, which uavbench wrote as `{kind}`; {advice}")
     return UserError(f"{folder}: contains {name}, which uavbench did not write or which was edited since; {advice}")
+
+
+def refuse_within_whole(folder: Path) -> None:
+    """UserError when a folder above is one that uavbench wrote and checks as a whole, which this one would spoil."""
+    for above in folder.absolute().parents:
+        for name in WHOLE:
+            if sealed_kind(above / name) is not None:
+                raise UserError(
+                    f"{folder}: lies in {above}, which uavbench wrote and checks as a whole; name a folder outside it"
+                )
 
 
 def refuse_no_folder(folder: Path) -> None:

@@ -20,6 +20,7 @@ from uavbench.trajectories.files.origin import (
     refuse_foreign,
     refuse_foreign_file,
     refuse_no_folder,
+    refuse_within_whole,
 )
 from uavbench.trajectories.files.placing import give_back, put_file, rename_new, take_away
 from uavbench.trajectories.files.seals import seal
@@ -64,8 +65,10 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
     """Temporary folder next to `path`; replaces `path` on success, removed on any error.
 
     marker: lists the files of the folder; without one only an empty folder is replaced. UserError when `path` holds a
-    file that uavbench did not write as part of a folder of this kind, or that was edited since.
+    file that uavbench did not write as part of a folder of this kind, or that was edited since, and when it lies in a
+    folder that is checked as a whole.
     """
+    refuse_within_whole(path)
     refuse_foreign(path, marker)
     path.parent.mkdir(parents=True, exist_ok=True)
     with temporary(path) as own:
@@ -114,8 +117,9 @@ def new_parts(folder: Path, marker: Marker) -> Iterator[Path]:
     """Temporary folder in `folder`; on success its files move to `folder`, and those of the previous run are removed.
 
     marker: lists them; while they are moved it carries no content hash. UserError, before anything is changed, naming a
-    file in the way that uavbench did not write as a part of this kind.
+    file in the way that uavbench did not write as a part of this kind, or a folder above that is checked as a whole.
     """
+    refuse_within_whole(folder)
     if not folder.is_dir():  # a link to a folder may be named
         refuse_no_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)

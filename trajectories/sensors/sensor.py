@@ -127,7 +127,8 @@ def sampled(flight: Flight, values: Array, stamps_ns: NDArray[np.int64]) -> Arra
     after = np.minimum(row + 1, len(flight) - 1)
     step = np.maximum(flight.stamps_ns[after] - flight.stamps_ns[row], 1)
     share = ((stamps_ns - flight.stamps_ns[row]) / step)[:, None]
-    mixed = np.where(share == 0, values[row], (1 - share) * values[row] + share * values[after])
+    with np.errstate(invalid="ignore"):  # infinite ranges times 0
+        mixed = np.where(share == 0, values[row], (1 - share) * values[row] + share * values[after])
     return np.where(share == 1, values[after], mixed)
 
 
