@@ -25,6 +25,8 @@ from uavbench.trajectories.pose import Array, Pose
 
 LEAST_SPAN_PX = 4.0
 """Least width or height of a model's edges in the first image: smaller ones are no more than a point."""
+MOST_MISSED_PART = 0.03
+"""Largest distance of a picked point from its pixel in image diagonals: 24 px at 640 x 480; clicks err by a few."""
 PICKED_POINTS = 5
 """Number of points picked in the first image (Shang & Shen)."""
 
@@ -176,6 +178,14 @@ def _read_pose(path: Path, camera: Camera) -> Pose:
     if not (np.isfinite(points).all() and np.isfinite(pixels).all() and len(points) == len(pixels)):
         raise UserError(f"{path}: points: numbers must be finite")
     try:
-        return pose_from_points(points, pixels, camera)
+        pose = pose_from_points(points, pixels, camera)
     except UserError as error:
         raise UserError(f"{path}: points: {error}") from None
+    missed_px = np.linalg.norm(camera.project(pose.transform(points)) - pixels, axis=1)
+    if missed_px.max() > MOST_MISSED_PART * np.hypot(camera.width, camera.height):
+        worst = int(np.argmax(missed_px))
+        raise UserError(
+            f"{path}: points: at the pose that fits best, points[{worst}] is {missed_px[worst]:.1f} px from its pixel; "
+            "check which corner each pixel belongs to, and the camera"
+        )
+    return pose

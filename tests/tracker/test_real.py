@@ -109,6 +109,21 @@ def test_a_bad_init_toml_is_named(tmp_path, text, message):
     assert "init.toml" in str(caught.value)
 
 
+@pytest.mark.parametrize(("shift_px", "good"), [(3.0, True), (60.0, False)])
+def test_picked_points_that_no_pose_fits_are_named(tmp_path, shift_px, good):
+    path = tmp_path / "init.toml"
+    corners = BOX.vertices[[0, 1, 2, 4, 5, 7]]
+    pixels = CAMERA.project(POSES[0].transform(corners))
+    pixels[3, 0] += shift_px
+    rows = [f"{{model_m = {p}, image_px = {q}}}" for p, q in zip(corners.tolist(), pixels.tolist(), strict=True)]
+    path.write_text("points = [" + ", ".join(rows) + "]\n")
+    if good:
+        assert pose_error(read_init(path, CAMERA), POSES[0])[0] < 0.1
+    else:
+        with pytest.raises(UserError, match=r"init\.toml: points: .* px from its pixel; check which corner"):
+            read_init(path, CAMERA)
+
+
 GL = np.diag([1.0, -1.0, -1.0, 1.0])
 MM = np.array([[1, 1, 1, 1000.0]] * 3 + [[1, 1, 1, 1]])
 
