@@ -12,6 +12,9 @@ from matplotlib.figure import Figure
 
 from uavbench.reports.style import legend_columns, new_figure, save_figure
 
+LEGEND_ROWS, LEGEND_ROW_IN = 5, 0.16
+"""Rows of a legend for which the height of a figure has room, and the height in inches of each further one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
@@ -40,12 +43,18 @@ def legend_of(panel: Axes, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def save_panel(draw: Callable[[Axes], Drawn], stem: Path, height_in: float) -> list[Path]:
-    """Write a figure of one panel, 3.50 in wide, with its legend on top, and its numbers; the paths of the files."""
+    """Write a figure of one panel, 3.50 in wide, with its legend on top, and its numbers; the paths of the files.
+
+    The figure is higher than `height_in` where its legend has more than LEGEND_ROWS rows.
+    """
     figure = new_figure(height_in, wide=False)
     panel = figure.subplots()
     drawn = draw(panel)
     if drawn.legend is not None and panel.get_legend_handles_labels()[0]:
-        figure.legend(**legend_of(panel, drawn.legend), loc="outside upper center")
+        legend = legend_of(panel, drawn.legend)
+        figure.legend(**legend, loc="outside upper center")
+        rows = -(-len(legend["labels"]) // legend["ncols"])
+        figure.set_figheight(height_in + LEGEND_ROW_IN * max(0, rows - LEGEND_ROWS))
     return save_figure(figure, stem, drawn.columns, drawn.rows)
 
 

@@ -1,8 +1,11 @@
 """What figures and their captions say of runs whose numbers are known."""
 
 import json
+import warnings
 from dataclasses import replace
+from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from uavbench.reports.closed_loop.figure import draw_flight_in_closed_loop
 from uavbench.reports.closed_loop.tables import FlightNotes, table, why_failed
 from uavbench.reports.comparison_figures import compare
 from uavbench.reports.figures.distributions import draw_error_over_bound
+from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.figures.ranking import draw_critical_difference
 from uavbench.reports.scoring.runs import open_runs
 from uavbench.reports.statistics.bootstrap import Ranks
@@ -64,3 +68,18 @@ def test_captions_tell_of_lower_rates_where_there_are_some(entries):
     fast = [run for run in runs if run.score.rate_hz == 15]
     told = ["lower rates" in json.dumps([d.caption for d in compare(some)]) for some in (runs, fast)]
     assert told == [True, False]
+
+
+def test_a_long_legend_makes_the_figure_higher_and_leaves_its_panel_room(tmp_path):
+    def draw(count, panel):
+        for number in range(count):
+            panel.plot([0, 1], [number, 0], label=f"tracker {number}, 15 Hz: 0.44")
+        return Drawn(columns=["a"], rows=[[1.0]])
+
+    heights = []
+    for count in (2, 10, 30):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            save_panel(partial(draw, count), tmp_path / f"of-{count}", 2.2)
+        heights.append(cv2.imread(str(tmp_path / f"of-{count}.png")).shape[0])
+    assert heights[0] == heights[1] < heights[2]
