@@ -2,6 +2,7 @@
 
 import errno
 import re
+from typing import Any, get_args
 
 _NAMES = "ENOSPC EDQUOT EFBIG EIO ESTALE EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
 DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
@@ -38,6 +39,13 @@ class UserError(Exception):
 
 class DamagedFileError(UserError):
     """A file is not as uavbench wrote it. Whoever can do without a missing file must not do without this one."""
+
+
+def refuse_other(key: str, value: object, choices: Any) -> None:
+    """UserError for the value of an option that is not one of a Literal's `choices`."""
+    valid = list(get_args(choices))
+    if value not in valid:
+        raise unknown_name(key, str(value), valid)
 
 
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:

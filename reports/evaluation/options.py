@@ -7,9 +7,10 @@ from typing import Literal, TypedDict, TypeVar
 from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.association import Association
 from uavbench.reports.metrics.rpe import PairInterval, Unit
-from uavbench.trajectories.errors import unknown_name
+from uavbench.trajectories.errors import refuse_other, unknown_name
 
 Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
+Segments = Literal["none", "kitti", "rpg"]
 OWN_MODE: Mode = "uavbench"
 T = TypeVar("T")
 
@@ -23,7 +24,12 @@ class Options:
     max_difference_s: float = 0.01
     offset_s: float = 0.0
     interval: PairInterval = field(default_factory=PairInterval)
-    segments: Literal["none", "kitti", "rpg"] = "none"
+    segments: Segments = "none"
+
+    def __post_init__(self) -> None:
+        refuse_other("align", self.align, Alignment)
+        refuse_other("association", self.association, Association)
+        refuse_other("segments", self.segments, Segments)
 
 
 MODES: dict[str, Options] = {
@@ -63,7 +69,7 @@ class EvaluateOptions(TypedDict, total=False):
 
 
 def chosen_options(given: EvaluateOptions) -> Options:
-    """The given options, completed by the defaults of the mode; UserError for an unknown option or mode."""
+    """The given options, completed by the defaults of the mode; UserError for an unknown option or value."""
     for name in given:
         if name not in EvaluateOptions.__annotations__:
             raise unknown_name("option", name, list(EvaluateOptions.__annotations__))

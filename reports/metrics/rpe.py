@@ -13,13 +13,14 @@ import numpy as np
 from uavbench.reports.metrics.ape import ErrorSizes
 from uavbench.reports.metrics.association import NS, Indices, PosePairs
 from uavbench.reports.metrics.quaternions import angle, between, chord, norm, rotate_back
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, refuse_other
 from uavbench.trajectories.pose import Array
 
 RpeRelation = Literal[
     "translation_m", "angle_deg", "angle_rad", "rotation", "full", "point_distance_m", "point_distance_percent"
 ]
 Unit = Literal["frames", "m", "deg", "rad", "s"]
+Side = Literal["reference", "estimate"]
 MAX_PAIRS = 50_000_000
 BLOCK = 8192
 
@@ -35,10 +36,12 @@ class PairInterval:
     delta: float = 1.0
     unit: Unit = "frames"
     all_pairs: bool = False
-    pairs_from: Literal["reference", "estimate"] = "reference"
+    pairs_from: Side = "reference"
     tolerance: float = 0.1
 
     def __post_init__(self) -> None:
+        refuse_other("unit", self.unit, Unit)
+        refuse_other("pairs_from", self.pairs_from, Side)
         if not (self.delta > 0 and np.isfinite(self.delta)):
             raise UserError(f"delta = {self.delta}: must be positive")
         if self.unit == "frames" and self.delta != int(self.delta):

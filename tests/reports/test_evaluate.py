@@ -259,3 +259,18 @@ def test_a_compressed_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.tum.gz").write_bytes(gzip.compress(written(tmp_path / "a.tum", circle()).read_bytes()))
     with pytest.raises(UserError, match=r"a\.tum\.gz: is compressed by gzip; decompress it with `gunzip`"):
         evaluate_files(tmp_path / "a.tum", tmp_path / "a.tum.gz")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "near"),
+    [
+        ("align", "SE3", "se3"),
+        ("association", "evo_interpolated", "evo-interpolated"),
+        ("unit", "frame", "frames"),
+        ("pairs_from", "truth", ""),
+        ("mode", "evo2", "evo"),
+    ],
+)
+def test_a_value_that_an_option_does_not_have_is_named(key: str, value: str, near: str) -> None:
+    with pytest.raises(UserError, match=rf"unknown {key} '{value}'.*{near}"):
+        evaluate_files(REFERENCE, ESTIMATE, **{key: value})
