@@ -18,7 +18,6 @@ True
 
 from collections.abc import Callable
 from collections.abc import Sequence as ListOf
-from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
@@ -32,7 +31,7 @@ from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
 from uavbench.reports.style import given_axes, given_figure, house_style
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.errors import UserError, refuse_other
 from uavbench.trajectories.pose import Array
 
 AnyFigure = Figure | SubFigure
@@ -42,8 +41,7 @@ style = house_style
 
 def errors_over_time(runs: Runs, axes: Axes | None = None, *, quantity: time.Quantity = "position") -> Axes:
     """Error of position (cm) or rotation (deg) over time (s), of runs of one sequence; dotted: the limit of success."""
-    if quantity not in ("position", "rotation"):
-        raise unknown_name("quantity", quantity, ["position", "rotation"])
+    refuse_other("quantity", quantity, time.Quantity)
     panel = given_axes(axes)
     time.draw_error_over_time(_one_sequence(runs), quantity, panel)
     panel.set_xlabel("time (s)")
@@ -92,8 +90,9 @@ def win_table(runs: Runs, axes: Axes | None = None) -> Axes:
     return _on(axes, lambda panel: ranking.draw_win_table(list(values), found, RANKED_BY, panel))
 
 
-def sweep(runs: Runs, axes: Axes | None = None, *, what: Literal["ate", "success"] = "success") -> Axes:
+def sweep(runs: Runs, axes: Axes | None = None, *, what: sweeps.What = "success") -> Axes:
     """ATE (cm) or success (%) against the one number in which the sequences of a suite differ."""
+    refuse_other("what", what, sweeps.What)
     found = sweeps.swept(list({run.sequence.name: run.sequence for run in _some(runs)}.values()))
     if found is None:
         raise UserError("the sequences of these runs do not differ in one number with three values or more")

@@ -161,6 +161,8 @@ def test_errors_pose_by_pose_and_their_drawing():
     assert found.plot(quantity="path") is not axes
     with pytest.raises(ub.UserError, match="quantity"):
         found.plot(quantity="positoin")
+    with pytest.raises(ub.UserError, match="unknown what 'ATE'"):
+        ub.figures.sweep([], what="ATE")
     plt.close("all")
 
 

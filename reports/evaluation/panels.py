@@ -1,6 +1,6 @@
 """A panel of an evaluation: an error over time, or both paths from above."""
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,15 +8,14 @@ from matplotlib.axes import Axes
 from uavbench.reports.metrics.ape import pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs
 from uavbench.reports.style import GROUND_TRUTH, colour, given_axes, line
-from uavbench.trajectories.errors import unknown_name
+from uavbench.trajectories.errors import refuse_other
 
 Quantity = Literal["position", "rotation", "path"]
 
 
 def draw(pairs: PosePairs, quantity: Quantity, axes: Axes | None = None) -> Axes:
     """Draw a quantity of the pairs on an Axes (None: a new one) and return it; UserError for an unknown quantity."""
-    if quantity not in get_args(Quantity):
-        raise unknown_name("quantity", quantity, list(get_args(Quantity)))
+    refuse_other("quantity", quantity, Quantity)
     panel = given_axes(axes)
     if quantity == "path":
         panel.plot(*pairs.reference_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="reference")

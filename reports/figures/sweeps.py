@@ -21,6 +21,7 @@ from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.pose import Array
 
+What = Literal["ate", "success"]
 LEAST_VALUES = 3
 """Fewest values of a sweep; two are a comparison."""
 
@@ -53,12 +54,12 @@ def swept(sequences: ListOf[Sequence]) -> Swept | None:
     return Swept(differing[0], values)
 
 
-def sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], stem: Path) -> list[Path]:
+def sweep(runs: ListOf[ScoredRun], found: Swept, what: What, stem: Path) -> list[Path]:
     """Write `draw_sweep_of` as files at a stem; their paths."""
     return save_panel(partial(draw_sweep_of, runs, found, what), stem, 2.2)
 
 
-def draw_sweep_of(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], panel: Axes) -> Drawn:
+def draw_sweep_of(runs: ListOf[ScoredRun], found: Swept, what: What, panel: Axes) -> Drawn:
     """ATE position in cm, or success in percent, over the swept parameter, per tracker at the highest rate."""
     fast = [run for run in counted(runs) if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
     colours = {run.score.label: run.colour for run in fast}
@@ -75,7 +76,7 @@ def draw_sweep_of(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "s
     return draw_sweep(curves, colours, panel, swept=name, metric=metric, share=what == "success")
 
 
-def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | None:
+def _percent_or_cm(run: ScoredRun, what: What) -> float | None:
     if what == "success":
         return 100 * run.score.tracking.success
     error = run.score.ate["none"].translation_m
