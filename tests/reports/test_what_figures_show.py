@@ -19,7 +19,7 @@ from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.figures.ranking import draw_critical_difference
 from uavbench.reports.scoring.runs import open_runs
 from uavbench.reports.statistics.bootstrap import Ranks
-from uavbench.reports.style import new_figure
+from uavbench.reports.style import house_style, new_figure
 
 
 def test_the_errors_over_the_bound_are_a_distribution_in_steps():
@@ -74,11 +74,12 @@ def test_a_long_legend_makes_the_figure_higher_and_leaves_its_panel_room(tmp_pat
     def draw(count, panel):
         for number in range(count):
             panel.plot([0, 1], [number, 0], label=f"tracker {number}, 15 Hz: 0.44")
+        panel.set(xlabel="error threshold (cm)", ylabel="success (%)")
         return Drawn(columns=["a"], rows=[[1.0]])
 
     heights = []
     for count in (2, 10, 30):
-        with warnings.catch_warnings():
+        with house_style(), warnings.catch_warnings():
             warnings.simplefilter("error")
             save_panel(partial(draw, count), tmp_path / f"of-{count}", 2.2)
         heights.append(cv2.imread(str(tmp_path / f"of-{count}.png")).shape[0])
