@@ -44,7 +44,7 @@ def inputs(tmp_path_factory):
         shutil.copy(TRIAL / "frames" / name, folder / "images" / name)
     tracker = '{ kind = "external", command = ["false"] }'
     (folder / "bad.toml").write_text(tracker.strip("{} ").replace(", command", "\ncommand"))
-    (folder / "init.toml").write_text(f"cam_from_model = {np.eye(4).tolist()}\n")
+    (folder / "init.toml").write_text(f"cam_from_model = {sequence.true_cam_from_world(0).matrix.tolist()}\n")
     for name in ("a.tum", "b.tum"):
         (folder / name).write_text("".join(f"{i}.0 {i} 0 0 0 0 0 1\n" for i in range(5)))
     cv2.imwrite(str(folder / "board.png"), np.zeros((120, 160), np.uint8))

@@ -118,6 +118,7 @@ def test_the_images_are_not_the_place_for_results(inputs, tmp_path):
         result = invoke(["track", "hold", "--images", tmp_path / "data" / "images", *rest, "--out", out], tmp_path)
         assert_kept(tmp_path, before, result)
         assert result.exit_code == 2
+        assert "000000.png, which uavbench did not write" in result.output
     images = tmp_path / "data" / "images"
     for _ in range(2):  # beside the images is well, and again too
         result = invoke(["track", "hold", "--images", images, *rest, "--out", images / "tracked"], tmp_path)
