@@ -110,6 +110,12 @@ def version() -> str:
     return " ".join(GL.glGetString(what).decode() for what in (GL.GL_RENDERER, GL.GL_VERSION))
 
 
+@functools.cache
+def is_llvmpipe() -> bool:
+    """Whether Mesa's llvmpipe draws, on the processor; with all other drivers textures look as with this one."""
+    return version().startswith("llvmpipe")
+
+
 def _make(kind: str) -> Any:
     os.environ["PYOPENGL_PLATFORM"] = kind
     os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe's threads occupy cores without any speed-up

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.renderables import Part, Texture
+from uavbench.scenes.rendering.context import is_llvmpipe
 from uavbench.trajectories.pose import Array
 
 SMALLEST_PX = 8
@@ -162,16 +163,38 @@ def upload(GL: Any, image: Texture, mipmap: bool, keeps_cover: bool = False) -> 
     GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, w, h, 0, layout, GL.GL_UNSIGNED_BYTE, data)
     if mipmap:
         GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
+    own = covering_levels(data) if keeps_cover else [] if is_llvmpipe() else halved_levels(data)
+    for level, smaller in enumerate(own * mipmap, 1):
+        size = smaller.shape[1], smaller.shape[0]
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, level, GL.GL_RGBA8, *size, 0, layout, GL.GL_UNSIGNED_BYTE, smaller)
     if mipmap and keeps_cover:
-        levels = covering_levels(data)
-        for level, smaller in enumerate(levels, 1):
-            size = smaller.shape[1], smaller.shape[0]
-            GL.glTexImage2D(GL.GL_TEXTURE_2D, level, GL.GL_RGBA8, *size, 0, layout, GL.GL_UNSIGNED_BYTE, smaller)
-        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAX_LEVEL, len(levels))
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAX_LEVEL, len(own))
     smallest = GL.GL_LINEAR_MIPMAP_LINEAR if mipmap else GL.GL_LINEAR
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, smallest)
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR)
     return texture
+
+
+def halved_levels(image: Texture) -> list[Texture]:
+    """The image (h, w, c) at a half, a quarter ... of its size, down to one pixel, as llvmpipe makes its mipmaps.
+
+    Means of two are rounded up, along a row and then of two rows; an odd side is sampled at the new pixels' centres.
+    """
+    levels = [image]
+    while max(levels[-1].shape[:2]) > 1:
+        levels.append(_halved(_halved(levels[-1], 1), 0))
+    return levels[1:]
+
+
+def _halved(image: Texture, axis: int) -> Texture:
+    """The image with half as many pixels along an axis, rounded down, but at least one."""
+    size = image.shape[axis]
+    half = max(size // 2, 1)
+    at = (np.arange(half) + 0.5) * size / half - 0.5
+    first = np.maximum(np.floor(at).astype(int), 0)
+    share = np.expand_dims((at - first).clip(0.0, 1.0), [k for k in range(3) if k != axis])
+    left, right = (np.take(image, np.minimum(k, size - 1), axis).astype(float) for k in (first, first + 1))
+    return np.asarray(np.floor(left + share * (right - left) + 0.5), dtype=np.uint8)
 
 
 def covering_levels(image: Texture) -> list[Texture]:

@@ -232,6 +232,7 @@ class Renderer:
 
     def _programs(self, fragment: str, *switches: str) -> tuple[Program, Program]:
         """The program of opaque parts, and that of parts with an alpha mask."""
+        switches = (*switches, *(["OWN_LEVELS"] * (not gl.is_llvmpipe())))
         vertex = shaders.with_switches(shaders.VERTEX, *switches)
         solid = Program(self._gl, vertex, shaders.with_switches(fragment, *switches))
         return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))

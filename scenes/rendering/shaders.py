@@ -55,11 +55,26 @@ void main() {
 }
 """
 
+TEXELS = """#ifdef OWN_LEVELS
+vec4 codes_of(sampler2D map, vec2 st, float level) { return floor(255.0 * textureLod(map, st, level) + 0.5); }
+vec4 texel_of(sampler2D map, vec2 st, float bias) {
+    vec2 size = vec2(textureSize(map, 0)), across = dFdx(st) * size, down = dFdy(st) * size;
+    float level = max(0.5 * log2(max(dot(across, across), dot(down, down))) + bias, 0.0), finer = floor(level);
+    return floor(mix(codes_of(map, st, finer), codes_of(map, st, finer + 1.0), level - finer) + 0.5) / 255.0;
+}
+vec4 texel_of(sampler2D map, vec2 st) { return texel_of(map, st, 0.0); }
+#else
+#define texel_of texture
+#endif
+"""
+"""Texels of mipmaps by section 8.14 of the OpenGL 4.5 specification, in whole codes, as llvmpipe has them, for other
+drivers: the specification lets each choose sharper or softer mipmaps, mix them otherwise, and round otherwise."""
+
 CLOUD_SHADOW = """#ifdef CLOUDS
 uniform sampler2D clouds;
 uniform vec3 cloud_u, cloud_v;
 uniform vec2 cloud_shift;
-float passes_clouds(vec3 p) { return texture(clouds, vec2(dot(p, cloud_u), dot(p, cloud_v)) + cloud_shift).r; }
+float passes_clouds(vec3 p) { return texel_of(clouds, vec2(dot(p, cloud_u), dot(p, cloud_v)) + cloud_shift).r; }
 #else
 float passes_clouds(vec3 p) { return 1.0; }
 #endif
@@ -67,6 +82,7 @@ float passes_clouds(vec3 p) { return 1.0; }
 
 SURFACE = """#version 330 core
 SWITCHES
+TEXELS
 in vec3 at, facing;
 in vec4 shade;
 in vec2 st;
@@ -123,21 +139,21 @@ void main() {
 #if defined(SHARP) && !defined(CUTOUT)
     vec3 way = eye - at;
     float cosine = abs(dot(facing, way)) * inversesqrt(dot(way, way));
-    vec4 texel = texture(surface, st, LEVEL_PER_COSINE * cosine - FINER);
+    vec4 texel = texel_of(surface, st, LEVEL_PER_COSINE * cosine - FINER);
 #else
-    vec4 texel = texture(surface, st);
+    vec4 texel = texel_of(surface, st);
 #endif
 #ifdef CUTOUT
     if (texel.a < 0.5) discard;
 #endif
     vec3 albedo = texel.rgb * texel.rgb;
 #ifdef FILM
-    vec2 water = texture(film, at.xy * film_per_m).rg;
+    vec2 water = texel_of(film, at.xy * film_per_m).rg;
     vec3 wet = albedo * (WET_GAIN / (1.0 - WET_INNER * albedo));  // Lekner & Dorf 1988
     albedo = mix(albedo, wet, water.r);
 #endif
 #ifdef SOIL
-    albedo *= texture(soil, on_soil).rgb;
+    albedo *= texel_of(soil, on_soil).rgb;
 #endif
     vec3 n = normalize(facing);
     vec3 to_eye = eye - at;
@@ -179,6 +195,7 @@ void main() {
 
 WATER = """#version 330 core
 SWITCHES
+TEXELS
 in vec3 at, facing;
 in vec4 shade;
 in vec2 st;
@@ -191,7 +208,7 @@ uniform float roughness, haze;
 uniform vec2 size;
 CLOUD_SHADOW
 void main() {
-    vec2 slope = (texture(surface, st).rg * 255.0 - 128.0) * RIPPLE_SLOPE;
+    vec2 slope = (texel_of(surface, st).rg * 255.0 - 128.0) * RIPPLE_SLOPE;
     vec3 n = normalize(vec3(-slope, 1.0));
     vec3 to_eye = eye - at;
     float away = length(to_eye);
@@ -243,24 +260,26 @@ void main() {
 
 DEPTH = """#version 330 core
 SWITCHES
+TEXELS
 in vec2 st;
 uniform sampler2D surface;
 void main() {
 #ifdef CUTOUT
-    if (texture(surface, st).a < 0.5) discard;
+    if (texel_of(surface, st).a < 0.5) discard;
 #endif
 }
 """
 
 GEOMETRY = """#version 330 core
 SWITCHES
+TEXELS
 in vec3 at;
 in vec2 st;
 SEEN
 uniform sampler2D surface;
 void main() {
 #ifdef CUTOUT
-    if (texture(surface, st).a < 0.5) discard;
+    if (texel_of(surface, st).a < 0.5) discard;
 #endif
     SET_SEEN
 }
@@ -303,6 +322,7 @@ the least difference from supersampled images (docs/sites.md)."""
 
 def with_switches(source: str, *switches: str) -> str:
     """The source with these preprocessor macros defined."""
+    source = source.replace("TEXELS", TEXELS)
     source = source.replace("CLOUD_SHADOW", CLOUD_SHADOW).replace("SET_SEEN", SET_SEEN).replace("SEEN", SEEN)
     source = source.replace("LEVEL_PER_COSINE", str(LEVEL_PER_COSINE)).replace("FINER", str(FINER))
     source = source.replace("WET_GAIN", f"{WET_GAIN:.6f}").replace("WET_INNER", f"{WET_INNER:.6f}")

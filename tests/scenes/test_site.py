@@ -144,7 +144,7 @@ def test_markings_change_the_light_of_the_deck_and_no_truth() -> None:
             seen[marked] = renderer.color(pose, camera), *renderer.geometry(pose, camera)
     assert (np.abs(seen[True][0].astype(int) - seen[False][0]).max(axis=2) > 40).sum() > 30
     assert np.array_equal(seen[True][2], seen[False][2])
-    moved = np.abs(seen[True][1] - seen[False][1]) > 1e-3
+    moved = np.abs(seen[True][1] - seen[False][1]) > 2e-4 * seen[False][1]  # 5 mm where a GPU's 1/512 px are 4 mm
     assert moved.mean() < 2e-3, "but for pixels whose centre lies on an edge"
 
 

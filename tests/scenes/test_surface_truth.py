@@ -28,6 +28,7 @@ from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.generate import generate
 from uavbench.scenes.png.filters import UP
 from uavbench.scenes.renderables import Mover
+from uavbench.scenes.rendering import context
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.renderer import Renderer
@@ -116,14 +117,28 @@ def test_flow_is_the_projected_motion_of_the_meshs_points(which: str, request: p
     assert sequence[len(sequence) - 1].flow_px is None
 
 
+def snapped_m(camera: Camera, pose: Pose, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Depth (k,) in metres by which surfaces move where vertices are drawn at the nearest 1/256 px, as GPUs do.
+
+    Of a plane n X = c, depth z over pixels changes by z^2 n_x / (f c) along a row, and likewise along a column.
+    """
+    if context.is_llvmpipe():
+        return np.zeros(len(points))
+    X, n = pose.transform(points), normals @ pose.rotation.T
+    slope = X[:, 2] ** 2 * (np.abs(n[:, 0]) / camera.fx + np.abs(n[:, 1]) / camera.fy) / np.abs((n * X).sum(axis=1))
+    return np.asarray(slope / 512)
+
+
 @pytest.mark.parametrize("which", ["sequence", "pinhole"])
 def test_depth_is_that_of_the_point_at_the_pixels_centre(which: str, request: pytest.FixtureRequest) -> None:
     sequence = request.getfixturevalue(which)
     for frame in range(len(sequence)):
-        pixels, points, _ = faces_met(sequence, frame)
-        expected = sequence.true_cam_from_world(frame).transform(points)[:, 2]
+        pixels, points, normals = faces_met(sequence, frame)
+        pose = sequence.true_cam_from_world(frame)
+        expected = pose.transform(points)[:, 2]
         error = np.abs(read_depth(sequence, frame)[pixels[:, 1], pixels[:, 0]] - expected)
-        assert error.max() < 0.00051  # half of the files' millimetre; of the nearest pixel of a pinhole, several
+        allowed = 0.00051 + snapped_m(sequence.camera, pose, points, normals)
+        assert (error < allowed).all()  # half of the files' millimetre; of the nearest pixel of a pinhole, several
 
 
 def test_the_mask_is_where_the_rays_of_pixels_meet_the_model_also_at_its_borders(sequence: Sequence) -> None:
