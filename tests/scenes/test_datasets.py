@@ -211,13 +211,14 @@ def test_verify_finds_what_was_changed(sequence: Sequence, tmp_path: Path) -> No
     )
 
 
+def list_anew(folder: Path) -> None:
+    """Write its manifest as if it had been rendered so; what is there already is not overwritten."""
+    (folder / "manifest.json").unlink()
+    write_manifest(folder)
+
+
 def test_two_renders_are_compared_by_hash_then_by_tolerance(sequence: Sequence, tmp_path: Path) -> None:
     import shutil
-
-    def list_anew(folder: Path) -> None:
-        """Write its manifest as if it had been rendered so; what is there already is not overwritten."""
-        (folder / "manifest.json").unlink()
-        write_manifest(folder)
 
     assert compare(sequence.folder, sequence.folder).method == "hash"
     again = tmp_path / "again"
@@ -235,6 +236,72 @@ def test_two_renders_are_compared_by_hash_then_by_tolerance(sequence: Sequence, 
     (again / "groundtruth.csv").write_text("x")
     list_anew(again)
     assert any(p.startswith("groundtruth.csv: differs") for p in compare(sequence.folder, again).problems)
+
+
+def changed(path: Path, pixels: int, by: int) -> None:
+    """Add to the first pixels of a file's middle row."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    image[len(image) // 2, :pixels] += np.asarray(by, dtype=image.dtype)
+    cv2.imwrite(str(path), image)
+
+
+@pytest.mark.parametrize(
+    ("folder", "little", "much", "told"),
+    [
+        ("depth", (320, 1), (200, 3), "0.260 % of its pixels differ by more than 1 mm and 0.01 %"),
+        ("mask", (70, 1), (80, 1), "0.104 % of its pixels differ"),
+    ],
+)
+def test_what_another_driver_renders_of_the_truth_is_compared_by_tolerance(
+    sequence: Sequence,
+    tmp_path: Path,
+    folder: str,
+    little: tuple[int, int],
+    much: tuple[int, int],
+    told: str,
+) -> None:
+    import shutil
+
+    again = tmp_path / "again"
+    shutil.copytree(sequence.folder, again)
+    changed(again / folder / "000000.png", *little)
+    list_anew(again)
+    assert compare(sequence.folder, again).problems == (
+        f"{folder}/000000.png: differs; ground truth and sensors must be byte-identical",
+    )
+    record = json.loads((again / "sequence.json").read_text())
+    record["versions"]["gl"] = "the driver of a GPU"
+    record["content_hash"] = "that of another build of a library"
+    (again / "sequence.json").write_text(json.dumps(record))
+    list_anew(again)
+    verdict = compare(sequence.folder, again)
+    assert verdict.ok
+    assert verdict.method == "tolerance"
+    changed(again / folder / "000000.png", *much)
+    list_anew(again)
+    assert compare(sequence.folder, again).problems == (f"{folder}/000000.png: {told}",)
+    (again / "groundtruth.csv").write_text("x")
+    list_anew(again)
+    assert any(p.startswith("groundtruth.csv: differs") for p in compare(sequence.folder, again).problems)
+
+
+def test_edges_of_two_drivers_are_compared_by_their_visible_lengths(sequence: Sequence, tmp_path: Path) -> None:
+    import shutil
+
+    again = tmp_path / "again"
+    shutil.copytree(sequence.folder, again)
+    record = json.loads((again / "sequence.json").read_text())
+    record["versions"]["gl"] = "the driver of a GPU"
+    (again / "sequence.json").write_text(json.dumps(record))
+    head, *rows = (again / "edges" / "000000.csv").read_text().splitlines(keepends=True)
+    (again / "edges" / "000000.csv").write_text(head + rows[0][:-2] + "7\n" + "".join(rows[1:]))
+    list_anew(again)
+    assert compare(sequence.folder, again).ok, "a contrast is that of the image"
+    (again / "edges" / "000000.csv").write_text(head + "".join(rows[1:]))
+    list_anew(again)
+    (problem,) = compare(sequence.folder, again).problems
+    assert "px of its edges are visible in only one of the two" in problem
 
 
 def test_a_contact_sheet_is_one_picture(sequence: Sequence, tmp_path: Path) -> None:
