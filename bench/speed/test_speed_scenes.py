@@ -30,7 +30,7 @@ from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
 from uavbench.scenes.frames import Filming, write_annotations, write_image
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
-from uavbench.scenes.rendering.context import functions
+from uavbench.scenes.rendering.context import functions, is_llvmpipe
 from uavbench.scenes.rendering.gpu import Program, Target
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
@@ -224,6 +224,21 @@ def test_two_processes_against_one(benchmark: Any) -> None:
         return 2 * alone_s / max(clock_s for clock_s, _ in finish([start("box"), start("box")]))
 
     figure(benchmark, "times_one", ratio)
+
+
+@pytest.mark.parametrize("suite", list(ASKED_FPS))
+def test_all_cores_with_a_gpu(benchmark: Any, suite: str) -> None:
+    """Wall-clock: frames per second of a process on each core, all drawn by one GPU."""
+    if is_llvmpipe():
+        absent(benchmark, "a GPU")
+        return
+    cores = len(os.sched_getaffinity(0))
+
+    def fps() -> float:
+        times = finish([start(suite) for _ in range(cores)])
+        return cores * 2 * FRAMES / max(clock_s for clock_s, _ in times)
+
+    figure(benchmark, "fps", fps, rounds=3)
 
 
 def main(suite: str) -> None:
