@@ -30,8 +30,13 @@ def ring_places(
     for k in range(count):
         while True:
             at = rng.uniform(low - furthest_m, high + furthest_m)
-            gap = float(np.linalg.norm(np.maximum(np.maximum(low - at, at - high), 0)))
-            if nearest_m <= gap <= furthest_m and free(at[None])[0]:
+            if nearest_m <= gap_m(bounds, at) <= furthest_m and free(at[None])[0]:
                 break
         out[k, :2] = at
     return out
+
+
+def gap_m(bounds: Array, at: Array) -> float:
+    """Distance in metres on the ground from a position (2,) or (3,) to the rectangle of bounds (2, 3)."""
+    low, high = bounds[0, :2], bounds[1, :2]
+    return float(np.linalg.norm(np.maximum(np.maximum(low - at[:2], at[:2] - high), 0)))

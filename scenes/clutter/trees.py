@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 from annotated_types import Gt, Interval
 
-from uavbench.scenes.clutter.placing import Free, anywhere, ring_places
+from uavbench.scenes.clutter.branching import INSTANCE, Place, branching_trees
+from uavbench.scenes.clutter.habits import HabitName
+from uavbench.scenes.clutter.placing import Free, anywhere, gap_m, ring_places
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.primitives.meshes import merge
@@ -15,28 +17,38 @@ from uavbench.scenes.primitives.solids import circle, covered, moved, prism
 from uavbench.scenes.renderables import BuiltClutter, Part, Texture
 from uavbench.trajectories.pose import Array, rotation_exp
 
-INSTANCE = 2
 CARDS = 70
 
 
 @dataclass(frozen=True)
 class Trees:
-    """Trees around the structure, 20 times density in number, at least nearest_m from its bounds."""
+    """Trees around the structure, 20 times density in number, at least nearest_m from its bounds.
+
+    habit is the form of their crowns: `round` is a ball of leaves, the others branch, and `mixed` mixes these.
+    """
 
     density: Annotated[float, Interval(ge=0, le=20)] = 0.5
     height_m: Annotated[float, Gt(0.1), Interval(le=60)] = 6.0
     nearest_m: Annotated[float, Gt(0)] = 3.0
     furthest_m: Annotated[float, Gt(0)] = 30.0
+    habit: HabitName = "round"
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
-        """All trees as two meshes, wood and leaves, on free ground around a structure of bounds (2, 3) in metres."""
+        """All trees as meshes of wood and leaves, on free ground around a structure of bounds (2, 3) in metres.
+
+        They stand in the same places whatever their habit.
+        """
         count = round(20 * self.density)
         if count == 0:
             return BuiltClutter()
         bark, leaves = materials.bark(rng), _leaves(rng)
+        places = ring_places(bounds, count, (self.nearest_m, self.furthest_m), rng, free)
+        if self.habit != "round":
+            stands = [Place(place, gap_m(bounds, place)) for place in places]
+            return BuiltClutter(branching_trees(self.habit, self.height_m, stands, bark, rng))
         wood: list[Part] = []
         crowns: list[Part] = []
-        for place in ring_places(bounds, count, (self.nearest_m, self.furthest_m), rng, free):
+        for place in places:
             height = self.height_m * float(rng.uniform(0.65, 1.35))
             trunk, crown = _tree(height, bark, leaves, rng)
             turn = rotation_exp(np.array([0.0, 0.0, rng.uniform(0, 6.3)]))

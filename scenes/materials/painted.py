@@ -262,6 +262,16 @@ def bark(rng: np.random.Generator) -> Material:
     )
 
 
+def birch_bark(rng: np.random.Generator) -> Material:
+    """White bark of birches with dark lenticels across it and darker, fissured patches, 1 m square."""
+    n = 256
+    image = noise.paint((206, 202, 192), np.asarray(1 + 0.05 * noise.tiling((n, n), (6, 30), rng), dtype=np.float32))
+    lenticels = np.clip(noise.tiling((n, n), (2.5, 16), rng) - 1.5, 0, 0.6) / 0.6
+    fissures = np.clip(noise.fractal((n, n), 60, rng, octaves=4, gain=0.65) - 0.9, 0, 0.5) * 2
+    image = noise.blend(image, (74, 68, 62), np.asarray(0.8 * np.maximum(lenticels, fissures), dtype=np.float32))
+    return Material(noise.finish(image), (1.0, 1.0), 1.0)
+
+
 PAINTS: dict[str, Callable[[np.random.Generator], Material]] = {
     "concrete": concrete,
     "brick": brick,
