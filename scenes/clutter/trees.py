@@ -15,6 +15,7 @@ from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.primitives.meshes import merge
 from uavbench.scenes.primitives.solids import circle, covered, moved, prism
 from uavbench.scenes.renderables import BuiltClutter, Part, Texture
+from uavbench.trajectories.errors import refuse_other
 from uavbench.trajectories.pose import Array, rotation_exp
 
 CARDS = 70
@@ -36,8 +37,9 @@ class Trees:
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """All trees as meshes of wood and leaves, on free ground around a structure of bounds (2, 3) in metres.
 
-        They stand in the same places whatever their habit.
+        They stand in the same places whatever their habit. UserError for a habit that there is not.
         """
+        refuse_other("habit", self.habit, HabitName)
         count = round(20 * self.density)
         if count == 0:
             return BuiltClutter()

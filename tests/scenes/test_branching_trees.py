@@ -186,3 +186,5 @@ def test_an_unknown_habit_is_refused_with_those_that_there_are() -> None:
     table = {**SUITE["sequences"]["a"], "clutter": [{"kind": "trees", "habit": "spruse"}]}  # type: ignore[index]
     with pytest.raises(UserError, match=r"clutter\[0\]\.habit: .*'birch' or 'spruce', got 'spruse'"):
         suite_of({**SUITE, "sequences": {"a": table}}, (), Path(__file__))
+    with pytest.raises(UserError, match=r"unknown habit 'spruse'; did you mean 'spruce'\? \(valid: birch, "):
+        grown("spruse")
