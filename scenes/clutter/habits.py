@@ -93,8 +93,7 @@ LIME = Leaf((90.0, 114.0, 56.0), 0.080, 0.72, 380)
 POPLAR = Leaf((94.0, 114.0, 60.0), 0.070, 0.80, 420)
 BIRCH = Leaf((108.0, 124.0, 62.0), 0.055, 0.66, 420)
 SPRUCE = Leaf((62.0, 82.0, 54.0), 0.050, 0.30, 0, needles=True)
-"""Blades half as wide as long (oak), about as wide as long (lime, poplar) and three quarters (birch): Stace 2019, New
-Flora of the British Isles. Needles of spruce are 10 to 25 mm long there; a spray has fewer and larger ones."""
+"""Looks of leaves by eye, larger than real ones in proportion to the tree, so that fewer cover as much."""
 
 HABITS: dict[str, Habit] = {
     "spreading": Habit(
@@ -143,5 +142,4 @@ HABITS: dict[str, Habit] = {
         near=Detail(90, 0, 3), far=Detail(64, 0, 3), far_card=1.4, fronds=True,
     ),
 }  # fmt: skip
-"""Habits by name. Lombardy poplars are about a quarter as wide as high or less, and open-grown oaks about as wide as
-high (Mitchell 1974, A Field Guide to the Trees of Britain and Northern Europe, drawings)."""
+"""Habits by name: an open-grown oak, a lime, a Lombardy poplar, a birch and a spruce, by eye."""

@@ -16,9 +16,11 @@ from uavbench.scenes.materials.patches import Patches, patches
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.renderables import BuiltEnvironment, BuiltSite, BuiltStructure, Light, Part, Streams, Texture
 from uavbench.scenes.site.site import Site
+from uavbench.scenes.world.cloud_deck import clouds
+from uavbench.scenes.world.tree_line import varied
 from uavbench.trajectories.pose import Array
 
-SKY_PX = (1024, 2048)
+SKY_PX, TILE_PX = (1024, 2048), 1024
 RIM_M = 180.0
 ZENITH, HORIZON = (88.0, 142.0, 212.0), (202.0, 220.0, 236.0)
 CLOUD, CLOUD_SHADE, GROUND = (246.0, 246.0, 244.0), (164.0, 170.0, 180.0), (132.0, 136.0, 112.0)
@@ -32,7 +34,8 @@ class Outdoor:
     sun_elevation_deg and sun_azimuth_deg give the direction of the sun (azimuth from x towards y, random when None);
     cloudiness ranges from 0, a clear sky, to 1, an overcast one without direct sunlight and sharp shadows. haze_per_km
     is the extinction coefficient. sharp_textures takes finer mipmaps; grain is the standard deviation of the log albedo
-    of all surfaces in each octave, ground_patches that of patches of the ground. site shapes the ground to the
+    of all surfaces in each octave, ground_patches that of patches of the ground. varied_horizon gives clouds sides and
+    flat bases, and trees and hills that do not repeat and are lit from the sun's side. site shapes the ground to the
     structure; by default it is level and empty.
     """
 
@@ -45,6 +48,7 @@ class Outdoor:
     sharp_textures: bool = False
     grain: Annotated[float, Interval(ge=0, le=0.3)] = 0.0
     ground_patches: Annotated[float, Interval(ge=0, le=0.6)] = 0.0
+    varied_horizon: bool = False
     site: Site = field(default_factory=Site)
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
@@ -65,10 +69,13 @@ class Outdoor:
             haze_per_m=self.haze_per_km / 1000,
             haze_color=_triple(b * np.array([0.62, 0.70, 0.80])),
         )
-        sky = noise.finish(_sky(to_sun, self.cloudiness, rng) * np.sqrt(b))
+        sky = noise.finish(_sky(to_sun, self.cloudiness, rng, heaped=self.varied_horizon) * np.sqrt(b))
         look = materials.PAINTS[self.ground](rng)
         level = _level_ground(look, bounds, rng)  # drawn with a site, too: the hills are those of the field without it
         rim = _rim(bounds, rng)
+        if self.varied_horizon:
+            hills, belt = rim
+            rim = varied(hills, belt, to_sun, rng)
         drawn = patches(self.ground_patches, look.soaks, rng) if self.ground_patches > 0 else None
         built = partial(BuiltEnvironment, light=light, sky=sky, sharp=self.sharp_textures, grain=self.grain)
         if self.site == Site():
@@ -120,7 +127,7 @@ def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
+def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator, heaped: bool = False) -> Image:
     """Equirectangular panorama: blue that pales towards the horizon and the sun, and a plane of clouds above."""
     h, w = SKY_PX
     image = np.full((h, w, 3), GROUND, dtype=np.float32)
@@ -135,19 +142,29 @@ def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
     pale = np.exp(-5 * np.clip(up, 0, 1))
     blue = noise.paint((60.0, 52.0, 36.0), glow) + noise.paint((200.0, 200.0, 200.0), disc)
     blue += (np.array(ZENITH) * (1 - pale[..., None]) + np.array(HORIZON) * pale[..., None]).astype(np.float32)
-    tile, height = 1024, np.clip(up, 0.035, 1)
-    field = noise.fractal((tile, tile), 300, rng, octaves=8, gain=0.58)
-    lit = noise.blurred(field, 10)
-    u, v = (np.mod(way / height * 130 + 4000, tile).astype(np.float32) for way in (x, y))
-    cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
+    field = noise.fractal((TILE_PX, TILE_PX), 300, rng, octaves=8, gain=0.58)
     edge = np.float32(1.5 - 2.9 * cloudiness)
-    mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)
-    mask = mask * mask * (3 - 2 * mask) * np.clip((up - 0.01) / 0.10, 0, 1)
-    body = np.clip((thick - edge) / np.float32(2.5), 0, 1)
+    if heaped:
+        seen = clouds(field, float(edge), elevation[:, 0].astype(np.float64), azimuth.astype(np.float64))
+        mask, body = seen.opacity, seen.shade
+    else:
+        mask, body = _plain_clouds(field, edge, (x, y, up))
     white = noise.blend(np.broadcast_to(np.array(CLOUD, np.float32), (rows, w, 3)), CLOUD_SHADE, body)
     sky = noise.blend(blue, white, 0.92 * mask)
     image[:rows] = noise.blend(sky, GROUND, np.clip(-60 * up, 0, 1) * np.ones_like(mask))
     return image
+
+
+def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image]) -> tuple[Image, Image]:
+    """Opacity (h, w) of a plane of clouds, and how dark they are, where a field exceeds an edge; way is (x, y, up)."""
+    x, y, up = way
+    height = np.clip(up, 0.035, 1)
+    lit = noise.blurred(field, 10)
+    u, v = (np.mod(along / height * 130 + 4000, TILE_PX).astype(np.float32) for along in (x, y))
+    cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
+    mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)
+    mask = mask * mask * (3 - 2 * mask) * np.clip((up - 0.01) / 0.10, 0, 1)
+    return mask, np.clip((thick - edge) / np.float32(2.5), 0, 1)
 
 
 def _rim(bounds: Array, rng: np.random.Generator) -> tuple[Part, ...]:
