@@ -16,7 +16,7 @@ from uavbench.scenes.materials.patches import Patches, patches
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.renderables import BuiltEnvironment, BuiltSite, BuiltStructure, Light, Part, Streams, Texture
 from uavbench.scenes.site.site import Site
-from uavbench.scenes.world.cloud_deck import clouds
+from uavbench.scenes.world.cloud_deck import Clouds, clouds
 from uavbench.scenes.world.tree_line import varied
 from uavbench.trajectories.pose import Array
 
@@ -146,17 +146,16 @@ def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator, heaped: boo
     edge = np.float32(1.5 - 2.9 * cloudiness)
     if heaped:
         seen = clouds(field, float(edge), elevation[:, 0].astype(np.float64), azimuth.astype(np.float64))
-        mask, body = seen.opacity, seen.shade
     else:
-        mask, body = _plain_clouds(field, edge, (x, y, up))
-    white = noise.blend(np.broadcast_to(np.array(CLOUD, np.float32), (rows, w, 3)), CLOUD_SHADE, body)
-    sky = noise.blend(blue, white, 0.92 * mask)
-    image[:rows] = noise.blend(sky, GROUND, np.clip(-60 * up, 0, 1) * np.ones_like(mask))
+        seen = _plain_clouds(field, edge, (x, y, up))
+    white = noise.blend(np.broadcast_to(np.array(CLOUD, np.float32), (rows, w, 3)), CLOUD_SHADE, seen.shade)
+    sky = noise.blend(blue, white, 0.92 * seen.opacity)
+    image[:rows] = noise.blend(sky, GROUND, np.clip(-60 * up, 0, 1) * np.ones_like(seen.opacity))
     return image
 
 
-def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image]) -> tuple[Image, Image]:
-    """Opacity (h, w) of a plane of clouds, and how dark they are, where a field exceeds an edge; way is (x, y, up)."""
+def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image]) -> Clouds:
+    """A plane of clouds where a field exceeds an edge; way is (x, y, up), (h, w) each."""
     x, y, up = way
     height = np.clip(up, 0.035, 1)
     lit = noise.blurred(field, 10)
@@ -164,7 +163,7 @@ def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image
     cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
     mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)
     mask = mask * mask * (3 - 2 * mask) * np.clip((up - 0.01) / 0.10, 0, 1)
-    return mask, np.clip((thick - edge) / np.float32(2.5), 0, 1)
+    return Clouds(mask, np.clip((thick - edge) / np.float32(2.5), 0, 1))
 
 
 def _rim(bounds: Array, rng: np.random.Generator) -> tuple[Part, ...]:
