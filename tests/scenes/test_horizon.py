@@ -120,7 +120,7 @@ def test_clouds_are_not_smeared_above_the_horizon() -> None:
     up, level = np.sin(elevation)[:, None], np.cos(elevation)[:, None]
     way = tuple(each.astype(np.float32) for each in (level * np.cos(azimuth), level * np.sin(azimuth), up))
     edge = np.float32(0.0)
-    plain, _ = outdoor._plain_clouds(field, edge, way)  # type: ignore[arg-type]
+    plain = outdoor._plain_clouds(field, edge, way).opacity  # type: ignore[arg-type]
     heaped = clouds(field, float(edge), elevation, azimuth)
     assert smear(plain, elevation) > 0.95
     assert smear(heaped.opacity, elevation) < 0.7
