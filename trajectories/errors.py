@@ -1,4 +1,4 @@
-"""UserError, the exception for user errors; escaping of untrusted text; messages for disk errors."""
+"""UserError, the exception for user errors, and DiskError; escaping of untrusted text; messages for disk errors."""
 
 import errno
 import re
@@ -7,6 +7,8 @@ from typing import Any, get_args
 _NAMES = "ENOSPC EDQUOT EFBIG EIO ESTALE EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
 DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
 """Errors of a full, broken or read-only disk, of missing permissions, and of invalid names."""
+FULL_OR_BROKEN = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ESTALE))
+"""Those of them that are no mistake in the input: the same command may succeed later, or once there is space."""
 UNSEEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
@@ -30,7 +32,8 @@ class Terminated(SystemExit):
 class UserError(Exception):
     """Invalid input by the user; the message names the file, key or frame, the defect, and the remedy.
 
-    The command line prints its message without a traceback and exits with code 2. The message is plain text.
+    The command line prints its message without a traceback and exits with code 2 (DiskError: 1). The message is plain
+    text.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -39,6 +42,16 @@ class UserError(Exception):
 
 class DamagedFileError(UserError):
     """A file is not as uavbench wrote it. Whoever can do without a missing file must not do without this one."""
+
+
+class DiskError(UserError):
+    """A disk is full or broken, which is no mistake in the input: as after a failed job the exit code is 1."""
+
+    @classmethod
+    def of(cls, error: OSError, message: str = "") -> UserError:
+        """The error to raise for a disk error: this one if the disk is full or broken, else a UserError."""
+        kind = cls if error.errno in FULL_OR_BROKEN else UserError
+        return kind(message or disk_error_message(error))
 
 
 def refuse_other(key: str, value: object, choices: Any) -> None:

@@ -16,7 +16,7 @@ from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
 from uavbench.bench.cli import suite as cli_suite
 from uavbench.bench.said import say
-from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_message
+from uavbench.trajectories.errors import DISK_ERRORS, DiskError, UserError
 from uavbench.trajectories.lost_signals import lost_signals_raised_again
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -50,8 +50,21 @@ def interrupts() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+VERDICTS = frozenset(("check", "verify", "gate", "compare", "history", "speed"))
+"""Commands whose exit code 1 is a verdict, which a full disk is not."""
+
+
+def told(error: UserError, command: str | None) -> int:
+    """Print the message of an error that ended a command; the exit code."""
+    say(f"uavbench: {error}", err=True)
+    return 1 if isinstance(error, DiskError) and command not in VERDICTS else 2
+
+
 class Group(click.Group):
-    """Prints user errors and I/O errors as one message, without a traceback; exit code 2."""
+    """Prints user errors and I/O errors as one message, without a traceback.
+
+    The exit code is 2 for a mistake in the input; for a full or broken disk 1, or 2 of VERDICTS.
+    """
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the subcommands with their whole summaries, which click cuts to one line."""
@@ -66,13 +79,11 @@ class Group(click.Group):
             with lost_signals_raised_again(), interrupts():
                 return super().invoke(ctx)
         except UserError as error:
-            say(f"uavbench: {error}", err=True)
-            ctx.exit(2)
+            ctx.exit(told(error, ctx.invoked_subcommand))
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            say(f"uavbench: {disk_error_message(error)}", err=True)
-            ctx.exit(2)
+            ctx.exit(told(DiskError.of(error), ctx.invoked_subcommand))
         except KeyboardInterrupt:
             say("uavbench: interrupted; the same command goes on from here", err=True)
             ctx.exit(130)

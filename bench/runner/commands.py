@@ -46,7 +46,10 @@ class ExecutionOptions:
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOptions) -> int:
-    """Run the missing jobs of a suite up to `verb`; exit code 0 when all are done, 2 after a user error, else 1."""
+    """Run the missing jobs of a suite up to `verb`.
+
+    The exit code is 0 when all are done, 2 after a mistake in the input, else 1, as for a full disk.
+    """
     suite = load_suite(suite_file(suite_name))
     if where.isolate:
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))

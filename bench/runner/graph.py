@@ -20,7 +20,7 @@ from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.processes import end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Made, Place, expect_whole
 from uavbench.tracker.faults import named, users_place
-from uavbench.trajectories.errors import DISK_ERRORS, Terminated, UserError, disk_error_message, one_line, plain
+from uavbench.trajectories.errors import DISK_ERRORS, DiskError, Terminated, UserError, one_line, plain
 from uavbench.trajectories.files.listed import Marker
 
 OnStep = Callable[[int, int], None]
@@ -79,7 +79,8 @@ class Job:
 class Outcome:
     """Result of a graph: jobs done, jobs that were up to date, reasons of failures, times and memory.
 
-    users_mistake: whether a job failed because of a user error; tracebacks: of all other failures.
+    users_mistake: whether a job failed because of a mistake in the input; tracebacks: of failures that are neither that
+    nor a full or broken disk.
     """
 
     done: list[Job] = field(default_factory=list)
@@ -150,12 +151,14 @@ def run_job(plugins: Plugins, name: str, work: Work, made: Made, needs: tuple[Ma
             expect_whole(needs)
             work(made.content_hash, on_step)
             expect_whole(needs)
+    except DiskError as error:
+        raise DiskError(str(error)) from error
     except UserError as error:
         raise UserError(str(error)) from error
     except OSError as error:
         if error.errno not in DISK_ERRORS:
             raise JobFaultError(_fault(error)) from error
-        raise UserError(disk_error_message(error)) from error
+        raise DiskError.of(error) from error
     except (KeyboardInterrupt, Terminated):
         raise
     except BaseException as error:  # a user's plug-in may raise anything, including SystemExit
@@ -238,7 +241,7 @@ def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str
         seconds, peaks[job.name] = future.result()
     except UserError as error:
         outcome.failed[job.name] = str(error)
-        outcome.users_mistake = True
+        outcome.users_mistake |= not isinstance(error, DiskError)
     except BrokenProcessPool:
         outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
     except Exception as error:

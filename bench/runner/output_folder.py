@@ -10,7 +10,7 @@ from pathlib import Path
 
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
@@ -60,7 +60,8 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
             if shard is not None:
                 locks.append(stack.enter_context(_opened(folder / f".lock_{shard.number}_of_{shard.count}")))
         except OSError as error:
-            raise UserError(f"{folder}: cannot be written: {error.strerror}; name another folder with --out") from None
+            why = f"{folder}: cannot be written: {error.strerror}; name another folder with --out"
+            raise DiskError.of(error, why) from None
         try:
             for lock, how in zip(locks, (fcntl.LOCK_SH if shard else fcntl.LOCK_EX, fcntl.LOCK_EX), strict=False):
                 fcntl.flock(lock, how | fcntl.LOCK_NB)

@@ -4,18 +4,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DiskError, UserError
 
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn a disk error while writing `folder` (full, read-only, no permission) into a UserError."""
+    """Turn a disk error while writing `folder` (full, read-only, no permission) into a UserError or DiskError."""
     try:
         yield
     except OSError as error:
-        raise UserError(
-            f"{folder}: cannot be written: {error.strerror or error}; free space or choose another folder"
-        ) from None
+        why = f"{folder}: cannot be written: {error.strerror or error}; free space or choose another folder"
+        raise DiskError.of(error, why) from None
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -255,7 +255,7 @@ def test_a_full_disk_is_told_as_such_and_is_left_as_it_was(tmp_path):
     assert "Traceback" not in process.stderr
     assert "No space left on device" in process.stderr
     failed, *_ = process.stdout.rpartition(" [")
-    assert failed.endswith("True")
+    assert failed.endswith("False"), "no mistake in the input"
     assert "report" in failed
     assert "failures.txt" not in process.stdout
     assert "uavbench-" not in process.stdout

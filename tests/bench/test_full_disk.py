@@ -73,7 +73,7 @@ def test_a_disk_that_fails_at_any_moment_is_told_and_nothing_is_left(tmp_path, m
         done = CliRunner().invoke(main, words)
         if done.exit_code == 0:
             break
-        assert done.exit_code == 2 and isinstance(done.exception, SystemExit), (after, done.exception)
+        assert done.exit_code == 1 and isinstance(done.exception, SystemExit), (after, done.exception)
         assert os.strerror(number) in done.output and str(out) in done.output, done.output
         assert "-uavbench-" not in done.output, "a temporary name tells nobody anything"
         left.append({*everything(out)})
@@ -120,10 +120,51 @@ def test_a_command_whose_video_does_not_fit_leaves_none(tmp_path, command):
     own_images(here)
     with files_of_at_most(6000):
         done = CliRunner().invoke(main, [word.format(here=here, out=out) for word in VIDEOS[command]])
-    assert done.exit_code == 2 and isinstance(done.exception, SystemExit), (done.output, done.exception)
+    assert done.exit_code == 1 and isinstance(done.exception, SystemExit), (done.output, done.exception)
     assert f"{out}/" in done.output and "frames of the video could be written; free space" in done.output, done.output
     assert "-uavbench-" not in done.output
     assert everything(out) == []
+
+
+SUITE = """
+title = "full"
+rates_hz = [15.0]
+[recordings.mine]
+rate_hz = 15.0
+source = { kind = "files", images_path = "frames", model_file = "model.obj", camera_file = "camera.toml", init_file = "init.toml" }
+[trackers]
+hold = { kind = "hold" }
+"""  # noqa: E501
+
+
+def test_a_suite_on_a_full_disk_ends_like_one_with_a_failed_job(tmp_path):
+    own_images(tmp_path)
+    (tmp_path / "full.toml").write_text(SUITE)
+    words = ["run", str(tmp_path / "full.toml"), "--jobs", "1", "--out", str(tmp_path / "out")]
+    with files_of_at_most(10_000):
+        done = CliRunner().invoke(main, words)
+    assert done.exit_code == 1, (done.output, done.exception)
+    assert "FAILED render mine-s0" in done.output and "free space" in done.output
+    (tmp_path / "frames" / "000000.png").unlink()
+    (tmp_path / "frames" / "000000.png").write_text("no image")
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 2, (done.output, done.exception)
+
+
+def test_a_verdict_is_not_told_by_a_full_disk(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path))
+
+    def denied(*_, **__):
+        raise OSError(errno.EACCES, os.strerror(errno.EACCES), str(tmp_path))
+
+    monkeypatch.setattr("uavbench.bench.gate.findings.pronounce", full)
+    done = CliRunner().invoke(main, ["gate", str(tmp_path), "--baseline", str(tmp_path)])
+    assert done.exit_code == 2 and "free space" in done.output, (done.output, done.exception)
+    for raised, code in ((full, 1), (denied, 2)):
+        monkeypatch.setattr("uavbench.bench.runner.commands.bring_up_to", raised)
+        done = CliRunner().invoke(main, ["run", "tiny", "--out", str(tmp_path)])
+        assert done.exit_code == code and str(tmp_path) in done.output, (done.output, done.exception)
 
 
 @pytest.mark.parametrize("size", [0, 1, 1000, 3000, 10_000])
