@@ -1,13 +1,13 @@
 """The gate's decision: statistical test whether results are worse than a baseline on the same frames.
 
-Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
-hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
-fewer than five seeds that differ, or when the upper bound lies above the required resolution; else `pass`. Each error
-is compared twice: by its mean change, which shows a few broken runs, and by its typical change, in which they have
-little weight and cannot hide a change of all others. Coverage is compared by its absolute mean loss against its own
-margin; so is the success rate of flights in closed loop, in addition to their path and estimate errors. Missing or
-non-finite values fail; what cannot be compared, because one side lacks it entirely, or a run crashes on both sides or
-is too short for the metric, is `inconclusive`: only what was compared can pass.
+Errors and latency are compared as ratios: `fail` when the one-sided lower bound of the change, from a paired
+hierarchical bootstrap and corrected over all metrics, lies above the margin; `inconclusive` when there are fewer than
+five seeds that differ, or when the upper bound lies above the required resolution; else `pass`. Each error is compared
+twice: by its mean change, which shows a few broken runs, and by its typical change, in which they have little weight
+and cannot hide a change of all others. Coverage is compared by its absolute mean loss against its own margin, with
+exact permutation tests; so is the success rate of flights in closed loop, in addition to their path and estimate
+errors. Missing or non-finite values fail; what cannot be compared, because one side lacks it entirely, or a run crashes
+on both sides or is too short for the metric, is `inconclusive`: only what was compared can pass.
 """
 
 import math
@@ -32,7 +32,8 @@ from uavbench.bench.gate.paired_scores import (
     read_timing,
 )
 from uavbench.bench.gate.repeated_seeds import repeats_of
-from uavbench.reports.statistics.bootstrap import Bootstrap, holm, sign_flip_p
+from uavbench.reports.statistics.bootstrap import Bootstrap, holm
+from uavbench.reports.statistics.losses import loss_p, smallest_loss_p
 from uavbench.trajectories.errors import UserError
 
 Verdict = Literal["pass", "fail", "inconclusive"]
@@ -133,23 +134,45 @@ def overall(findings: list[Finding]) -> Verdict:
 
 
 def decide(findings: list[Finding]) -> list[Finding]:
-    """Findings with p corrected over all of them, and the verdicts that follow."""
-    tested = [f for f in findings if math.isfinite(f.p)]
-    corrected = dict(zip(map(id, tested), holm([f.p for f in tested]), strict=True))
-    return [_decided(replace(f, p=corrected[id(f)])) if id(f) in corrected else f for f in findings]
+    """Findings with p corrected over all of them, and the verdicts that follow.
+
+    Shares have one half of ALPHA and ratios the other, each corrected by Holm over its own: the exact p of a share is
+    limited by the number of runs, and must not have to outweigh all ratios as well.
+    """
+    tested = [[f for f in findings if math.isfinite(f.p) and _is_share(f) == share] for share in (True, False)]
+    halves = sum(map(bool, tested))
+    corrected = {
+        id(f): min(1.0, halves * p) for half in tested for f, p in zip(half, holm([f.p for f in half]), strict=True)
+    }
+    times = halves * len(tested[0])
+    return [_decided(replace(f, p=corrected[id(f)]), times) if id(f) in corrected else f for f in findings]
 
 
-def _decided(finding: Finding) -> Finding:
+def _is_share(finding: Finding) -> bool:
+    return finding.metric in (COVERAGE, SUCCESS)
+
+
+def _decided(finding: Finding, times: int) -> Finding:
+    """The finding with its verdict; times: the factor by which the smallest p of a share was corrected."""
     if finding.verdict == "inconclusive":
         return finding
     worse = finding.change > finding.margin
     if finding.p <= ALPHA and worse:
         return replace(finding, verdict="fail", reason="worse than the margin")
-    if finding.metric in (COVERAGE, SUCCESS):
-        doubt = "the loss is above the margin, but may be chance" if worse else ""
+    if _is_share(finding):
+        doubt = f"the loss is above the margin, but may be chance{_more_seeds(finding, times)}" if worse else ""
     else:
         doubt = finding.reason
     return replace(finding, verdict="inconclusive" if doubt else "pass", reason=doubt)
+
+
+def _more_seeds(finding: Finding, times: int) -> str:
+    """How many seeds it would take to tell a loss in all runs, where those at hand cannot."""
+    seeds = finding.seeds
+    while times * smallest_loss_p(finding.sequences, seeds) > ALPHA:
+        seeds += 1
+    few = f"; even a loss in all runs could not be told: give each sequence {seeds} seeds, it has {finding.seeds}"
+    return few if seeds > finding.seeds else ""
 
 
 def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]:
@@ -250,7 +273,7 @@ def share_finding(run: str, metric: str, values: PairedValues, margin: float) ->
         change=losses.mean,
         low=losses.bound(ALPHA),
         high=losses.bound(1 - ALPHA),
-        p=sign_flip_p(np.concatenate(loss)),
+        p=loss_p(*values.sides(lambda x: x)),
     )
     return _too_few(finding) if finding.seeds < MIN_SEEDS else finding
 

@@ -403,3 +403,32 @@ def test_every_tracker_of_the_baseline_is_compared_in_every_metric():
     assert {f.verdict for f in compare_sides(base, Side({}), {}, Margins())} == {"fail"}
     timed = compare_sides(base, head, {"lsd@15hz": values(1.2)}, Margins())
     assert (timed[-1].metric, timed[-1].unit, timed[-1].margin, timed[-1].verdict) == ("latency", "ms", 0.05, "fail")
+
+
+def lost_by(lost, trackers, seeds, sequences=1):
+    """Findings on the coverage of trackers, of which the first loses a share of its frames in every run."""
+    names = [f"t{k}@15hz" for k in range(trackers)]
+    keys = [(name, f"s{i}", seed) for name in names for i in range(sequences) for seed in range(seeds)]
+    base = {key: measured(coverage=1.0 - 0.01 * key[2]) for key in keys}
+    head = {k: replace(one, coverage=one.coverage - lost) if k[0] == names[0] else one for k, one in base.items()}
+    found = compare_sides(Side(base), Side(head), {}, Margins())
+    return [f for f in found if f.metric == "coverage"]
+
+
+@pytest.mark.parametrize("trackers", [1, 2, 3])
+def test_coverage_that_is_lost_in_all_of_five_runs_fails(trackers):
+    lost, *others = lost_by(0.7, trackers, 5)
+    assert (lost.verdict, lost.reason) == ("fail", "worse than the margin")
+    assert lost.p == pytest.approx(2 * trackers * 2 / 252), "of 252 choices of 5 of 10 runs, two ways, two halves"
+    assert {f.verdict for f in others} <= {"pass"}
+
+
+def test_a_loss_that_so_few_runs_cannot_tell_says_how_many_can():
+    lost, *_ = lost_by(0.7, 4, 5)
+    assert lost.verdict == "inconclusive"
+    assert lost.reason == (
+        "the loss is above the margin, but may be chance; "
+        "even a loss in all runs could not be told: give each sequence 6 seeds, it has 5"
+    )
+    assert lost_by(0.7, 4, 6)[0].verdict == "fail"
+    assert lost_by(0.7, 4, 5, sequences=2)[0].verdict == "fail"
