@@ -19,6 +19,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 TRIAL = ROOT / "bench" / "trial" / "sequence"
 TRACE = """
+import os
 import sys
 from pathlib import Path
 
@@ -31,7 +32,8 @@ def opened(event, arguments):
             path = arguments[0] if isinstance(arguments[0], str) else arguments[0].decode()
             job = (HERE / "job").read_text() if (HERE / "job").exists() else ""
             with (HERE / "opened.txt").open("a") as log:
-                log.write(f"{job}\\t{arguments[1]}\\t{Path(path).absolute()}\\n")
+                place = os.path.abspath(path)  # without `..`: numba names sources relative to the current folder
+                log.write(f"{job}\\t{arguments[1]}\\t{place}\\n")
         finally:
             trace.busy = False
 
