@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote
@@ -11,10 +12,12 @@ from urllib.parse import unquote
 import numpy as np
 
 from uavbench.scenes.model_files.gltf_images import GLB_JSON, check_embedded
-from uavbench.scenes.model_files.referenced_files import is_there
+from uavbench.scenes.model_files.model_folder import read_library, textures_of
+from uavbench.scenes.model_files.obj_materials import LIBRARY, libraries, texture_lines
+from uavbench.scenes.model_files.referenced_files import is_beside, is_there
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS, SETTINGS
-from uavbench.trajectories.files.reading import json_value, read_bytes
+from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS
+from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.pose import Array
 
 MOST_TRIANGLES = 2_000_000
@@ -124,16 +127,15 @@ def _obj_wants(path: Path, data: bytes) -> list[str]:
     joined = data.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that a backslash continues
     _check_materials(path, len({name.strip() for name in re.findall(rb"usemtl ([^\r\n]*)", joined)}))
     wanted: list[str] = []
-    libraries = dict.fromkeys(re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*$", data, re.MULTILINE))
-    _check_materials(path, len(libraries))
-    for line in libraries:
-        library = line.decode("utf-8", "replace").strip()
+    _check_materials(path, len(set(LIBRARY.findall(data))))
+    for library in libraries(data, partial(is_beside, path.parent)):
         wanted.append(library)
-        if _beside(path, library) and is_there(path.parent / library):
-            text = read_bytes(path.parent / library, SETTINGS, inside=path.parent).decode("utf-8", "replace")
-            maps = [line.split()[-1] for line in re.findall(r"^\s*map_K[da]\s+(.+?)\s*$", text, re.MULTILINE)]
-            _check_materials(path, len(maps))
-            wanted += maps
+        if is_beside(path.parent, library):
+            _check_materials(path, len(texture_lines(read_library(path.parent, library))))
+            try:
+                wanted += textures_of(path.parent, library)
+            except UserError as error:
+                raise UserError(f"{path}: {library}: {error}") from None
     return wanted
 
 

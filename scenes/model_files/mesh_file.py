@@ -15,7 +15,8 @@ from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.model_files.cao import read_cao
 from uavbench.scenes.model_files.ifc import read_ifc
 from uavbench.scenes.model_files.mesh_checks import check, check_count, check_file, check_textures
-from uavbench.scenes.model_files.mesh_piece import Loaded
+from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
+from uavbench.scenes.model_files.obj_materials import TextureMap
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.primitives.solids import Solid, covered
 from uavbench.scenes.renderables import BuiltStructure, Part
@@ -29,6 +30,8 @@ UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 FINE_TRIANGLES = 20_000
 """Pieces of fewer triangles are subdivided, so that baked light has enough vertices."""
 Z_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+CLAMPED_UV = 0.01
+"""How far a texture that must not repeat may be exceeded, in texture sizes: a pixel of one of 100 px."""
 TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 
 
@@ -104,6 +107,7 @@ def read(path: Path) -> list[Loaded]:
 
     beside = ModelFolder(path.parent)
     try:
+        data = beside.with_materials(data) if kind == ".obj" else data
         scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
         placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
     except UserError as error:
@@ -130,8 +134,26 @@ def read(path: Path) -> list[Loaded]:
             if np.linalg.det(matrix[:3, :3]) < 0:
                 piece = piece.flipped()
             check_textures(path, _pixels(path, mesh.visual, drawn))
-            pieces.append(_dressed(path, piece, mesh.visual))
+            pieces.append(_laid(path, _dressed(path, piece, mesh.visual), beside.textures.get(_material(mesh.visual))))
     return pieces
+
+
+def _material(visual: Any) -> str:
+    """Name of the material of a trimesh visual, "" without one."""
+    return str(getattr(getattr(visual, "material", None), "name", None) or "")
+
+
+def _laid(path: Path, piece: Loaded, texture: TextureMap | None) -> Loaded:
+    """The piece with its texture scaled and shifted as an MTL file says; UserError for one that must not repeat."""
+    if texture is None or piece.uv is None:
+        return piece
+    uv = piece.uv * texture.scale + texture.offset
+    if texture.clamped and len(uv) and (uv.min() < -CLAMPED_UV or uv.max() > 1 + CLAMPED_UV):
+        raise UserError(
+            f"{path}: its texture {texture.name} has -clamp on, and faces that reach beyond it; textures repeat here, "
+            "so crop these faces, or enlarge the image"
+        )
+    return replace(piece, uv=uv)
 
 
 def _dressed(path: Path, piece: Loaded, visual: Any) -> Loaded:
@@ -152,7 +174,7 @@ def _pixels(path: Path, visual: Any, drawn: dict[int, int]) -> int:
     """Total pixels of the textures so far, this piece's included; trimesh decodes textures lazily."""
     material = getattr(visual, "material", None)
     for image in (getattr(material, "baseColorTexture", None), getattr(material, "image", None)):
-        if image is not None:
+        if image is not None and not is_made_up(material, image):
             if image.format not in TEXTURES:
                 raise UserError(f"{path}: unsupported texture type {image.format}, only {', '.join(TEXTURES)}")
             drawn[id(image)] = image.width * image.height

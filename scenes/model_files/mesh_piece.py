@@ -48,6 +48,8 @@ class Loaded:
         factor = material.baseColorFactor if physical else getattr(material, "diffuse", None)
         if not physical and factor is not None and np.array_equal(factor, UNSAID):
             factor = None
+        if image is not None and is_made_up(material, image):
+            return self
         color = None if factor is None else _linear(np.array([factor]), power=1.0 if physical else 2.2)
         uv = getattr(visual, "uv", None)
         if image is None or uv is None:
@@ -59,6 +61,11 @@ class Loaded:
             texture=np.asarray(image.convert("RGBA" if holes else "RGB"), dtype=np.uint8),
             tint=np.repeat(color, len(self.vertices), axis=0) if physical and color is not None else None,
         )
+
+
+def is_made_up(material: Any, image: Any) -> bool:
+    """Whether an image comes from no file: trimesh's for texture coordinates of an OBJ file without a material."""
+    return image.format is None and not hasattr(material, "baseColorFactor")
 
 
 def _linear(colors: Array, power: float = 2.2) -> Array:

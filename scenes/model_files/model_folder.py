@@ -1,5 +1,6 @@
 """Guarded access to the files that a model refers to (materials, buffers, textures), within its own folder."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote
@@ -7,24 +8,51 @@ from urllib.parse import unquote
 from trimesh.resolvers import Resolver
 
 from uavbench.scenes.image_files import TEXTURES, size_px
-from uavbench.scenes.model_files.referenced_files import is_there
+from uavbench.scenes.model_files.obj_materials import (
+    TextureMap,
+    found_name,
+    libraries,
+    texture_lines,
+    texture_map,
+    textures_by_material,
+    with_plain_names,
+)
+from uavbench.scenes.model_files.referenced_files import is_beside, is_there
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MODEL
+from uavbench.trajectories.files.limits import MODEL, SETTINGS
 from uavbench.trajectories.files.reading import read_bytes
+
+MATERIALS = "uavbench materials"
+"""Name by which trimesh asks for all material libraries of an OBJ file; it reads the first one that a file names."""
 
 
 class ModelFolder(Resolver):
     """trimesh resolver restricted to the folder of a model.
 
-    trimesh ignores files that it cannot resolve; `refused` collects their error messages for the user.
+    trimesh ignores files that it cannot resolve; `refused` collects their error messages for the user. textures: of an
+    OBJ file by the name of the material.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.refused: list[str] = []
+        self.textures: dict[str, TextureMap] = {}
+        self._materials = b""
+
+    def with_materials(self, data: bytes) -> bytes:
+        """An OBJ file's content for trimesh, with its libraries as one; UserError for one that cannot be read."""
+        texts = []
+        for library in libraries(data, partial(is_beside, self.folder)):
+            text = read_library(self.folder, library)
+            self.textures |= textures_by_material(text)
+            texts.append(with_plain_names(text, partial(found_texture, self.folder, library)))
+        self._materials = "\n".join(texts).encode()
+        return f"mtllib {MATERIALS}\n".encode() + data
 
     def get(self, name: str) -> bytes:
         """Content of a file; UserError when it is missing, too large, not a regular file, or outside the folder."""
+        if name.strip() == MATERIALS:
+            return self._materials
         words = [name.strip(), unquote(name.strip()), name.split()[-1] if name.split() else ""]
         there = [word for word in words if word and is_there(self.folder / word)]
         try:
@@ -48,3 +76,21 @@ class ModelFolder(Resolver):
     def write(self, name: str, data: Any) -> NoReturn:
         """Not supported: models are read only."""
         raise NotImplementedError(name)
+
+
+def read_library(folder: Path, name: str) -> str:
+    """Text of a material library in the model's folder; UserError when it cannot be read."""
+    return read_bytes(folder / name, SETTINGS, inside=folder).decode("utf-8", "replace")
+
+
+def found_texture(folder: Path, library: str, name: str) -> str:
+    """Name, from the model's folder, of a texture that a library names: beside the library, or beside the model."""
+    below = Path(library).parent
+    beside = str(below / found_name(name, lambda word: is_beside(folder, str(below / word))))
+    return beside if is_beside(folder, beside) else found_name(name, partial(is_beside, folder))
+
+
+def textures_of(folder: Path, library: str) -> list[str]:
+    """Names, from the model's folder, of the textures of a library; UserError as `texture_map`."""
+    lines = texture_lines(read_library(folder, library))
+    return [found_texture(folder, library, texture_map(line).name) for line in lines]

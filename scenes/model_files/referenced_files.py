@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
 
+from uavbench.scenes.model_files.obj_materials import spellings
 from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.source_files import stamp
@@ -39,11 +40,14 @@ def parts_of(path: Path) -> tuple[Path, ...]:
         if kind not in (*REFERENCES, ".gltf") or not is_there(file):
             continue
         for name in _named(file, stamp(file), kind):
-            if not is_there(part := file.parent / name) or (real := part.resolve()) in found:
-                continue
-            if real.is_relative_to(folder):
-                found[real] = part
-                waiting.append((part, "" if kind == ".gltf" else REFERENCES[kind][1]))
+            for part in dict.fromkeys(
+                (file.parent / name, path.parent / name)
+            ):  # a texture beside its library, or the model
+                if not is_there(part) or (real := part.resolve()) in found:
+                    continue
+                if real.is_relative_to(folder):
+                    found[real] = part
+                    waiting.append((part, "" if kind == ".gltf" else REFERENCES[kind][1]))
     return tuple(found.values())
 
 
@@ -85,10 +89,18 @@ def _text(path: Path, kind: str) -> str:
 
 
 def _names(given: str) -> Iterator[str]:
-    """Interpretations of a reference: the whole text, or what follows leading options."""
-    words = given.strip().replace("\\", "/").split(" ")[-MOST_WORDS:]
-    yield from (" ".join(words[first:]) for first in range(len(words)) if words[first])
-    yield from (word for word in words[:-1] if word)
+    """Interpretations of a reference: the whole text, or what follows leading options, in all spellings."""
+    words = re.split(r"(?<=\S)[ \t]", given.strip())[-MOST_WORDS:]
+    for name in (*(" ".join(words[first:]) for first in range(len(words))), *words[:-1]):
+        yield from spellings(name)
+
+
+def is_beside(folder: Path, name: str) -> bool:
+    """Whether a reference is that of a file in a model's folder, with symbolic links resolved."""
+    try:
+        return is_there(folder / name) and (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # a null character, a cycle of links
+        return False
 
 
 def is_there(path: Path) -> bool:

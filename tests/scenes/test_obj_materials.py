@@ -1,0 +1,115 @@
+"""Names and options of textures of OBJ files, as exporters write them."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.obj_materials import TextureMap, texture_map
+from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.trajectories.errors import UserError
+
+SHADE = 77
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+FACE = "f 1/1 2/2 3/3\n"
+
+
+def written(folder, line, texture="wall.png", *, library="a.mtl", says="mtllib a.mtl\n", material="w"):
+    """An OBJ file of one triangle, its library and its texture; the first piece."""
+    for name in (texture, library):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.full((4, 4, 3), SHADE, np.uint8)).save(folder / texture)
+    (folder / library).write_text(f"newmtl other\nKd 1 0 0\nnewmtl {material}\nKd 0.5 0.5 0.5\n{line}\n")
+    (folder / "a.obj").write_text(f"{says}{CORNERS}usemtl {material}\n{FACE}")
+    return read(folder / "a.obj")[0]
+
+
+@pytest.mark.parametrize(
+    ("line", "texture"),
+    [
+        ("map_Kd my wall.png", "my wall.png"),
+        ("map_Kd my  wall.png  ", "my  wall.png"),
+        ("map_Kd -s 1 1 1 wall.png", "wall.png"),
+        ("map_Kd -s 1 1 1 -clamp on -bm 0.5 my wall.png", "my wall.png"),
+        ("map_Kd -blendu off\t-o 0 my wall.png", "my wall.png"),
+        ("map_Kd -mm 0 1 -t 0 0 0 1 2.png", "1 2.png"),
+        ('map_Kd "my wall.png"', "my wall.png"),
+        ("map_Kd tex\\my wall.png", "tex/my wall.png"),
+        ("map_Kd .\\wall.png", "wall.png"),
+        ("MAP_KD\twall.png", "wall.png"),
+        ("map_Kd wall.png # brick", "wall.png"),
+        ("map_Kd C:\\Users\\me\\my wall.png", "my wall.png"),
+        ("map_Kd /home/me/wall.png\r", "wall.png"),
+        ("map_Kd w#1.png", "w#1.png"),
+    ],
+)
+def test_a_texture_is_found_by_the_name_that_exporters_write(tmp_path, line, texture):
+    piece = written(tmp_path, line, texture)
+    assert piece.texture is not None and (piece.texture == SHADE).all()
+    np.testing.assert_array_equal(piece.uv, [[0, 0], [1, 0], [0, 1]])
+    assert {path.name for path in parts_of(tmp_path / "a.obj")} == {"a.mtl", texture.rpartition("/")[2]}
+
+
+@pytest.mark.parametrize(
+    ("says", "library"),
+    [
+        ("mtllib my lib.mtl\n", "my lib.mtl"),
+        ('mtllib "my lib.mtl"\n', "my lib.mtl"),
+        ("mtllib .\\a.mtl\r\n", "a.mtl"),
+        ("mtllib red.mtl a.mtl\n", "a.mtl"),
+        ("mtllib red.mtl\nmtllib a.mtl\n", "a.mtl"),
+        ("# mtllib none.mtl\nmtllib a.mtl\n", "a.mtl"),
+        ("mtllib sub/a.mtl\n", "sub/a.mtl"),
+    ],
+)
+@pytest.mark.parametrize("material", ["w", "my wall"])
+def test_every_library_counts(tmp_path, says, library, material):
+    (tmp_path / "red.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    piece = written(tmp_path, "map_Kd wall.png", library=library, says=says, material=material)
+    assert piece.texture is not None
+    named = {path.name for path in parts_of(tmp_path / "a.obj")}
+    assert {"wall.png", library.rpartition("/")[2]} <= named
+
+
+def test_a_texture_beside_its_library_is_found(tmp_path):
+    piece = written(tmp_path, "map_Kd wall.png", "sub/wall.png", library="sub/a.mtl", says="mtllib sub/a.mtl\n")
+    assert piece.texture is not None
+    assert {path.name for path in parts_of(tmp_path / "a.obj")} == {"a.mtl", "wall.png"}
+
+
+def test_a_texture_is_scaled_and_shifted_as_its_options_say(tmp_path):
+    piece = written(tmp_path, "map_Kd -s 2 3 1 -o 0.5 wall.png")
+    np.testing.assert_allclose(piece.uv, [[0.5, 0], [2.5, 0], [0.5, 3]])
+    assert texture_map("-o 0.25 -1 0 -s 4 a b.png") == TextureMap("a b.png", (4.0, 1.0), (0.25, -1.0))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("map_Kd -mm 0.2 1 wall.png", "the option -mm of its texture wall.png is not supported; bake it"),
+        ("map_Kd -t 0.1 0 0 wall.png", "the option -t of its texture wall.png"),
+        ("map_Kd -imfchan r wall.png", "the option -imfchan of its texture wall.png"),
+        ("map_Kd -clamp on -s 2 2 2 wall.png", "its texture wall.png has -clamp on, and faces that reach beyond it"),
+        ("map_Kd -s 1 1 1 no such.png", "refers to no such.png, which is missing"),
+        ("map_Kd C:\\tex\\no such.png", r"refers to C:\\tex\\no such.png, which is missing"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told(tmp_path, line, message):
+    with pytest.raises(UserError, match=f"a.obj: .*{message}"):
+        written(tmp_path, line)
+
+
+def test_a_missing_one_of_several_libraries_is_named(tmp_path):
+    with pytest.raises(UserError, match=r"a.obj: refers to b.mtl, which is missing"):
+        written(tmp_path, "map_Kd wall.png", says="mtllib b.mtl a.mtl\n")
+
+
+@pytest.mark.parametrize("says", ["", "mtllib a.mtl\nusemtl unknown\n"])
+def test_texture_coordinates_without_a_material_are_no_fault(tmp_path, says):
+    (tmp_path / "a.mtl").write_text("newmtl w\nKd 1 0 0\n")
+    faces = "".join(f"f {a}/1 {b}/2 {c}/3\n" for a, b, c in ((1, 3, 2), (1, 2, 4), (2, 3, 4), (1, 4, 3)))
+    (tmp_path / "a.obj").write_text(f"{says}{CORNERS}v 0 0 1\n{faces}")
+    (piece,) = read(tmp_path / "a.obj")
+    assert piece.texture is None and piece.tint is None
+    built = MeshFile(path=str(tmp_path / "a.obj")).build(np.random.default_rng(0))
+    assert len(built.structure.edges) == 6
