@@ -253,6 +253,16 @@ def test_a_dict_is_rendered_and_its_frames_have_their_truth(tmp_path, monkeypatc
     assert sequence[-1].number == k
     with pytest.raises(IndexError):
         sequence[k + 1]
+    assert [(type(frame), frame.number) for frame in sequence[0:2]] == [(ub.Frame, 0), (ub.Frame, 1)]
+    assert [frame.number for frame in sequence[::-1]] == [*range(k, -1, -1)]
+    assert np.array_equal(sequence[-1:][0].image, sequence[k].image) and sequence[k + 1 :] == []
+    assert sequence[np.int64(1)].number == sequence[np.array(1)].number == 1
+    assert type(sequence[np.int64(-1)].number) is int
+    for bad in (True, 1.0, None, "0", (0, 1), [0], np.True_, slice("a", None)):
+        with pytest.raises(TypeError):
+            sequence[bad]
+    with pytest.raises(IndexError, match=rf"sequence\[{-k - 2}\]: .* has {k + 1} frames"):
+        sequence[-k - 2]
     again = ub.open_sequence(str(sequence.folder))
     assert np.array_equal(again[0].image, sequence[0].image)
     run = ub.start("hold", sequence.structure, sequence.camera, sequence[0].cam_from_world)

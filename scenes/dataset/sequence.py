@@ -22,9 +22,10 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import index
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 from cv2 import IMREAD_UNCHANGED
@@ -78,9 +79,27 @@ class Sequence:
     def __len__(self) -> int:
         return len(self.files)
 
-    def __getitem__(self, frame: int) -> "Frame":
-        """A frame by index from 0, or from the end if negative; IndexError when out of range."""
-        return Frame(self, range(len(self))[frame])
+    @overload
+    def __getitem__(self, frame: SupportsIndex) -> "Frame": ...
+
+    @overload
+    def __getitem__(self, frame: slice) -> list["Frame"]: ...
+
+    def __getitem__(self, frame: SupportsIndex | slice) -> "Frame | list[Frame]":
+        """A frame by index from 0, or from the end if negative, or the list of frames of a slice.
+
+        IndexError when out of range, TypeError for anything but an integer or a slice of integers.
+        """
+        if isinstance(frame, slice):
+            return [Frame(self, number) for number in range(len(self))[frame]]
+        if isinstance(frame, bool) or not hasattr(frame, "__index__"):
+            raise TypeError(
+                f"sequence[{frame!r}]: give the number of a frame, or a slice of numbers as in sequence[0:2]"
+            )
+        number = index(frame)
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"sequence[{number}]: {self.folder} has {len(self)} frames, numbered from 0")
+        return Frame(self, number % len(self))
 
     def __iter__(self) -> Iterator["Frame"]:
         """The frames in order, each read on access."""
@@ -287,7 +306,7 @@ class Frame:
 
 
 def open_sequence(folder: str | Path) -> Sequence:
-    """A sequence folder, for its images and ground truth: iterate over it, or take `sequence[frame]`.
+    """A sequence folder, for its images and ground truth: iterate over it, or take `sequence[0]` or `sequence[2:5]`.
 
     A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.ground_truth`, the true
     `world_from_body` of all frames; each `Frame` has `.image` (h, w, 3) BGR, `.stamp_ns`, `.cam_from_world`,
