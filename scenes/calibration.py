@@ -1,7 +1,7 @@
 """Camera calibration from images of a checkerboard (Zhang 2000; Heikkila & Silven 1997), by OpenCV."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -46,9 +46,12 @@ class Calibration:
         return len(np.unique(y * columns + x)) / (rows * columns)
 
 
-def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, model: Model = "radtan") -> Calibration:
+def calibrate(
+    sources: Sequence[Path], board: tuple[int, int], square_m: float, model: Model = "radtan", bits: int = 0
+) -> Calibration:
     """Calibrate from images, folders of images, or videos of a board with (columns, rows) inner corners.
 
+    bits: of a sample of the images, where they have 16 and do not say how many of them count; 0: as they say.
     UserError when a source cannot be read, images differ in size, or too few show the whole board.
     """
     if min(board) < 2 or not square_m > 0:
@@ -57,7 +60,7 @@ def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, 
     unused: list[str] = []
     corners: list[Array] = []
     size: tuple[int, int] | None = None
-    for name, image in _pictures(sources):
+    for name, image in _pictures(sources, bits):
         shape = (image.shape[1], image.shape[0])
         if size not in (None, shape):
             raise UserError(
@@ -73,7 +76,8 @@ def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, 
             f"only {len(corners)} of {len(used) + len(unused)} pictures show the whole board of {board[0]}x{board[1]} "
             f"inner corners, {FEWEST_VIEWS} or more are needed; check --board, and that the board is in view and sharp"
         )
-    return _solve(np.array(corners), size, board, square_m, model, tuple(used), tuple(unused))
+    found_camera = _solve(np.array(corners), size, board, square_m, model, tuple(used), tuple(unused))
+    return replace(found_camera, camera=replace(found_camera.camera, bits=bits))
 
 
 def find_corners(image: NDArray[np.uint8], board: tuple[int, int]) -> Array | None:
@@ -154,22 +158,22 @@ def _solve(
     return Calibration(camera, float(rms), used, unused, np.array(errors), corners)
 
 
-def _pictures(sources: Sequence[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+def _pictures(sources: Sequence[Path], bits: int) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     for source in sources:
         if source.is_dir():
             files = sorted(p for p in source.rglob("*") if p.suffix.lower() in IMAGE_KINDS)
             if not files:
                 raise UserError(f"{source}: has no pictures ({', '.join(IMAGE_KINDS)})")
             step = max(1, len(files) // MOST_VIEWS)
-            yield from ((str(p), _read(p)) for p in files[::step])
+            yield from ((str(p), _read(p, bits)) for p in files[::step])
         elif source.suffix.lower() in IMAGE_KINDS:
-            yield str(source), _read(source)
+            yield str(source), _read(source, bits)
         else:
             yield from _video(source)
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
-    return load_image(path, cv2.IMREAD_GRAYSCALE)
+def _read(path: Path, bits: int) -> NDArray[np.uint8]:
+    return load_image(path, cv2.IMREAD_GRAYSCALE, bits=bits)
 
 
 def _video(path: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:

@@ -5,7 +5,7 @@ spans -0.5 .. width - 0.5.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.decoding.sample_bits import FEWEST_BITS, MOST_BITS
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MOST_PIXELS
 from uavbench.trajectories.files.reading import read_toml
@@ -21,6 +22,8 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
 DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
+BITS = (0, *range(FEWEST_BITS, MOST_BITS + 1))
+"""Bits of a sample that a camera may have; 0: as its images say."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 
 
@@ -30,6 +33,7 @@ class Camera:
 
     distortion_model: `none`; `radtan` with k1 k2 p1 p2 [k3] (Brown-Conrady, OpenCV order);
     `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
+    bits: of a sample, where image files have 16 and do not say how many of them count; 0: as the files say.
     Raises ValueError naming the field that is out of range.
 
     >>> import numpy as np
@@ -46,6 +50,7 @@ class Camera:
     cy: float
     distortion_model: str = "none"
     distortion: tuple[float, ...] = ()
+    bits: int = 0
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -53,6 +58,8 @@ class Camera:
                 raise ValueError(f"{name} = {side!r}: must be a whole number of pixels, as in {name} = 640")
         if not (self.width > 0 and self.height > 0):
             raise ValueError(f"width and height must be positive, got {self.width} x {self.height}")
+        if isinstance(self.bits, bool) or not isinstance(self.bits, int) or self.bits not in BITS:
+            raise ValueError(f"bits = {self.bits!r}: must be a whole number from 8 to 16, as in bits = 12")
         if self.width * self.height > MOST_PIXELS:
             raise ValueError(
                 f"{self.width} x {self.height} px are more than the {MOST_PIXELS:,} of the largest cameras"
@@ -94,7 +101,7 @@ class Camera:
     @property
     def without_distortion(self) -> "Camera":
         """The pinhole camera with the same intrinsic matrix."""
-        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        return replace(self, distortion_model="none", distortion=())
 
     def project(self, points_cam_m: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) in the camera frame, z > 0."""
@@ -126,6 +133,7 @@ class Camera:
         """Write `camera.toml`; kind: see `new_file`."""
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
         lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
+        lines += [f"bits = {self.bits}"] if self.bits else []
         write_text(path, "\n".join(lines) + "\n", kind=kind)
 
     @classmethod

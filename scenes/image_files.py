@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.decoding.sample_bits import WHITE_8, to_8_bits, white_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
@@ -21,6 +22,8 @@ from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
 KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
 """Accepted image formats by Pillow's names; PPM includes PGM and PBM."""
 TEXTURES = (*KINDS, "TGA")
+ORIENTATION = 0x0112
+"""Tag of Exif."""
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """First bytes of TIFF files of both byte orders, and of those beyond 4 GB."""
 VIDEOS = {
@@ -37,22 +40,30 @@ VIDEOS = {
 """Magic bytes of video files, with their offset. Playlists are not accepted: they may name any other file."""
 
 
-def load_image(path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None = None) -> NDArray[np.uint8]:
-    """Image of a file as OpenCV decodes it; UserError naming the file when it is missing, invalid or too large."""
-    return decoded(path, reading.read_bytes(path, IMAGE, inside=inside), flags)
+def load_image(
+    path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None = None, bits: int = 0
+) -> NDArray[np.uint8]:
+    """Image of a file as `decoded`; UserError naming the file when it is missing, invalid or too large."""
+    return decoded(path, reading.read_bytes(path, IMAGE, inside=inside), flags, bits)
 
 
-def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[np.uint8]:
-    """Image of a file's content; UserError naming the file when it is no image, damaged or too large."""
+def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR, bits: int = 0) -> NDArray[np.uint8]:
+    """Image of a file's content; UserError naming the file when it is no image, damaged or too large.
+
+    Colour and grey images have 8 bits; bits: see `to_8_bits`. IMREAD_UNCHANGED gives the samples as they are.
+    """
     size_px(path, data)
     if data.startswith(TIFF):
         _refuse_damage(path, data)
+    deep = flags in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE) and white_of(data) != WHITE_8
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags | (cv2.IMREAD_ANYDEPTH if deep else 0))
     except cv2.error as error:
         raise UserError(f"{path}: not a readable image: {error.err}; render or copy it again") from None
     if image is None:
         raise UserError(f"{path}: not a readable image; render or copy it again")
+    if deep:
+        return to_8_bits(path, image, data, bits)
     return image  # type: ignore[return-value]  # depth has 16 bits
 
 
@@ -69,6 +80,19 @@ def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[in
         raise UserError(f"{path}: not a readable image ({', '.join(kinds)}); render or copy it again") from None
     check_pixels(path, width, height)
     return width, height
+
+
+def is_plain(data: bytes) -> bool:
+    """Whether all programs show the image of a file alike: its samples have 8 bits, and no Exif data turn it."""
+    if white_of(data) != WHITE_8:
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            with Image.open(io.BytesIO(data), formats=KINDS) as image:
+                return bool(image.getexif().get(ORIENTATION, 1) == 1)
+        except Exception:  # what is wrong with it is told where it is decoded
+            return True
 
 
 def _refuse_damage(path: Path, data: bytes) -> None:
@@ -128,7 +152,7 @@ def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
         raise UserError(f"{path}: the image is truncated; render or copy it again")
     width, height = size_px(path, data)
     if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF orientation may rotate it
-        image = decoded(path, data)
+        image = decoded(path, data, bits=camera.bits)
         height, width = image.shape[:2]
     if (width, height) != (camera.width, camera.height):
         raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")

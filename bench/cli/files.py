@@ -95,8 +95,11 @@ def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str
 @click.option("--board", default="7x8", show_default=True, metavar="COLUMNSxROWS", help="Inner corners of the board.")
 @click.option("--square-m", type=click.FloatRange(0, min_open=True), default=0.025, show_default=True)
 @click.option("--model", type=click.Choice(["radtan", "equidistant"]), default="radtan", show_default=True)
+@click.option("--bits", type=click.IntRange(8, 16), help="Bits of the camera, of images with 16 bits per sample.")
 @click.option("--out", type=FILE, default=Path("camera.toml"), show_default=True)
-def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, model: Any, out: Path) -> None:
+def calibrate_command(
+    sources: tuple[Path, ...], board: str, square_m: float, model: Any, bits: int | None, out: Path
+) -> None:
     """Find K and distortion of a camera from images, folders or videos of a checkerboard."""
     from uavbench.scenes.calibration import CALIBRATION, calibrate, write_coverage
 
@@ -105,7 +108,7 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
         raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
     for path in (out, out.with_suffix(".png")):
         refuse_foreign_file(path, CALIBRATION)
-    found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model)
+    found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model, bits=bits or 0)
     found.camera.save(out, kind=CALIBRATION)
     write_coverage(found, out.with_suffix(".png"))
     say(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.decoding.sample_bits import DarkImageError
 from uavbench.scenes.image_files import check_pixels, decoded
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.bags.reading import BagTopic, opened_bag, stamp_ns
@@ -44,7 +45,7 @@ def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
         kind = bag.topics[source.topic].type if source.topic in bag.topics else ""
         for number, message in enumerate(bag.messages(source.topic, (RAW, COMPRESSED))):
             name = Path(f"{source}, message {number}")
-            image = _raw(name, message) if kind == RAW else _compressed(name, message)
+            image = _raw(name, message) if kind == RAW else _compressed(name, message, camera)
             height, width = image.shape[:2]
             if (width, height) != (camera.width, camera.height):
                 raise UserError(f"{name}: is {width} x {height} px, the camera {camera.width} x {camera.height} px")
@@ -86,10 +87,12 @@ def _raw(name: Path, message: Any) -> Image:
     return np.asarray(pixels if convert is None else cv2.cvtColor(pixels, convert), dtype=np.uint8)
 
 
-def _compressed(name: Path, message: Any) -> Image:
+def _compressed(name: Path, message: Any, camera: Camera) -> Image:
     """BGR image of a CompressedImage message: PNG, JPEG, or another supported image format."""
     try:
-        return decoded(name, message.data.tobytes())
+        return decoded(name, message.data.tobytes(), bits=camera.bits)
+    except DarkImageError:
+        raise
     except UserError:
         raise UserError(
             f"{name}: its data, of the format {message.format!r}, are not a supported image (PNG, JPEG); convert the "

@@ -6,10 +6,11 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Protocol
 
+import cv2
 import numpy as np
 from annotated_types import Ge, Interval
 
@@ -17,15 +18,17 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.verify import write_manifest
-from uavbench.scenes.image_files import read_image
+from uavbench.scenes.image_files import is_plain, read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import IMAGE
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.origin import refuse_foreign
+from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Pose
 
@@ -150,14 +153,18 @@ def record(
         (new / "frames").mkdir()
         lines = ["frame,stamp_ns,file"]
         for frame, image in enumerate(recording.images):
-            read_image(image, recording.camera)
-            name = f"frames/{frame:06d}{image.suffix}"
-            shutil.copyfile(image, new / name)
+            shown = read_image(image, recording.camera)
+            plain = is_plain(read_bytes(image, IMAGE))
+            name = f"frames/{frame:06d}{image.suffix if plain else '.png'}"
+            if plain:
+                shutil.copyfile(image, new / name)
+            else:  # a program would see it darker, or turned
+                (new / name).write_bytes(cv2.imencode(".png", shown)[1].tobytes())
             lines.append(f"{frame},{round(frame * 1e9 / spec.rate_hz)},{name}")
             if on_frame is not None:
                 on_frame(frame + 1, len(recording.images))
         write_text(new / "frames.csv", "\n".join(lines) + "\n")
-        recording.camera.save(new / "camera.toml")
+        replace(recording.camera, bits=0).save(new / "camera.toml")
         save_structure(recording.structure, new)
         info = {
             "name": spec.name,
