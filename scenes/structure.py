@@ -12,6 +12,10 @@ CREASE_ANGLE_DEG = 15.0
 """Faces whose normals differ by less than this angle are one smooth surface, without an edge between them."""
 COPLANAR_ANGLE_DEG = 0.5
 """Adjacent triangles whose normals differ by less than this belong to one planar face."""
+MOST_FLAT = 50_000
+"""Triangles without area for which T-junctions are closed, in a few seconds; a scan may have more, and no edges."""
+MOST_SPLITS = 8
+"""Splits for each flat triangle: one is the rule, a chain of them on a side takes some."""
 WELD_M = 1e-6
 """Vertices closer than this are merged, metres."""
 
@@ -72,7 +76,8 @@ class Structure:
         """Structure of a triangle mesh: (n, 3) metres, (m, 3) counter-clockwise from outside.
 
         Edges within a planar face are not crease edges; collinear pieces of an edge are joined. Edges shorter than
-        min_edge_m are left out.
+        min_edge_m are left out. Triangles without area are dropped, the T-junctions that they close stay closed.
+        ValueError when none has an area.
         """
         vertices, triangles = _weld(vertices, triangles)
         normals, areas = _triangle_normals(vertices, triangles)
@@ -95,16 +100,73 @@ class Structure:
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Merge vertices closer than WELD_M; drop degenerate triangles and unreferenced vertices."""
+    """Merge vertices closer than WELD_M; drop degenerate triangles and unreferenced vertices.
+
+    ValueError when no triangle is left.
+    """
     _, first, inverse = np.unique(
         np.round(np.asarray(vertices, dtype=np.float64) / WELD_M), axis=0, return_index=True, return_inverse=True
     )
     vertices = np.asarray(vertices, dtype=np.float64)[first]
     triangles = inverse.reshape(-1)[np.asarray(triangles, dtype=np.int64)]
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    triangles = triangles[np.linalg.norm(np.cross(b - a, c - a), axis=1) > WELD_M**2]
+    triangles = triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]  # of three vertices
+    flat = _is_flat(vertices, triangles)
+    if flat.any():
+        if flat.sum() <= MOST_FLAT:
+            triangles = _split_at_flat(vertices, triangles, flat)
+        triangles = triangles[~_is_flat(vertices, triangles)]
+    if not len(triangles):
+        raise ValueError("none of its triangles has an area")
     used, inverse = np.unique(triangles, return_inverse=True)
     return vertices[used], inverse.reshape(-1, 3)
+
+
+def _is_flat(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= WELD_M**2)
+
+
+def _split_at_flat(vertices: Array, triangles: Indices, flat: NDArray[np.bool_]) -> Indices:
+    """The triangles, split where a flat one joins a side to two shorter ones, as exporters close a T-junction.
+
+    Without its flat triangle such a side would have a face on one side only, and look like an edge of the structure.
+    """
+    sides = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    keys = sides[:, 0] * len(vertices) + sides[:, 1]
+    near = np.isin(keys, keys.reshape(-1, 3)[flat]).reshape(-1, 3).any(axis=1)
+    at_side: dict[frozenset[int], set[tuple[int, int, int]]] = {}
+    waiting: list[tuple[int, int, int]] = []
+
+    def put(a: int, b: int, c: int) -> None:
+        if len({a, b, c}) == 3:
+            for side in ((a, b), (b, c), (c, a)):
+                at_side.setdefault(frozenset(side), set()).add((a, b, c))
+            if _is_flat(vertices, np.array([[a, b, c]]))[0]:
+                waiting.append((a, b, c))
+
+    def take(a: int, b: int, c: int) -> None:
+        for side in ((a, b), (b, c), (c, a)):
+            at_side[frozenset(side)].discard((a, b, c))
+
+    for corners in triangles[near].tolist():
+        put(*corners)
+    for _ in range(MOST_SPLITS * len(waiting)):
+        if not waiting:
+            break
+        one = waiting.pop()
+        if one not in at_side[frozenset(one[:2])]:
+            continue  # split meanwhile
+        take(*one)
+        turns = [(one[k], one[(k + 1) % 3], one[(k + 2) % 3]) for k in range(3)]
+        p, q, middle = max(turns, key=lambda turn: float(np.linalg.norm(vertices[turn[1]] - vertices[turn[0]])))
+        for other in sorted(at_side[frozenset((p, q))]):
+            k = next(k for k in range(3) if {other[k], other[(k + 1) % 3]} == {p, q})
+            first, second, third = other[k], other[(k + 1) % 3], other[(k + 2) % 3]
+            take(*other)
+            put(first, middle, third)
+            put(middle, second, third)
+    left = {corners for found in at_side.values() for corners in found}
+    return np.array([*triangles[~near].tolist(), *sorted(left)], dtype=np.int64).reshape(-1, 3)
 
 
 def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array]:

@@ -81,7 +81,8 @@ class MeshFile:
                 f"min_edge_m ({self.min_edge_m})"
             )
         bare = materials.PAINTS[self.surface](rng)
-        return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in pieces))
+        drawn = [piece for piece in (piece.without_flat() for piece in pieces) if len(piece.triangles)]
+        return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in drawn))
 
     def _placed(self, piece: Loaded) -> Loaded:
         y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))

@@ -32,6 +32,12 @@ class Loaded:
         """The piece with the orientation of its triangles reversed."""
         return replace(self, triangles=self.triangles[:, ::-1])
 
+    def without_flat(self) -> "Loaded":
+        """The piece without triangles of no area, which are not visible and have no normal."""
+        a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
+        flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0
+        return replace(self, triangles=self.triangles[~flat]) if flat.any() else self
+
     def dressed(self, visual: Any) -> "Loaded":
         """The piece with the appearance from a trimesh visual: texture, material colour or vertex colours.
 

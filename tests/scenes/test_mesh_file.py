@@ -388,3 +388,52 @@ def test_a_textured_glb_goes_from_file_to_sequence(tmp_path: Path) -> None:
     red = image[..., 2] > 2 * image[..., :2].max(axis=2)
     assert red[mask].mean() > 0.1
     assert image[mask & ~red].std() > 15
+
+
+CUBE = "".join(f"v {x} {y} {z}\n" for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+CUBE_FACES = "f 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\nf 5 6 7 8\n"
+FLAT = {
+    "a corner twice": "f 1 1 2\n",
+    "one corner": "f 1 1 1\n",
+    "a line": "v 0.5 0 0\nf 1 2 9\n",
+    "two corners in one place": "v 0 0 0\nf 1 9 2\n",
+    "too small for a number": "v 0.5 0 1e-320\nf 1 2 9\n",
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("library", ["", "mtllib a.mtl\nusemtl red\n"])
+@pytest.mark.parametrize("flat", FLAT)
+def test_triangles_without_area_are_left_out(tmp_path, flat, library):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    (tmp_path / "a.obj").write_text(f"{CUBE}{library}{CUBE_FACES}{FLAT[flat]}")
+    built = MeshFile(path=str(tmp_path / "a.obj"), allow_open=True).build(np.random.default_rng(0))
+    assert len(built.structure.edges) == 12 and len(built.structure.face_normals) == 6
+    (part,) = built.parts
+    assert len(part.triangles) == 12
+    assert np.isfinite(part.normals).all() and np.isfinite(part.uv).all()
+    assert part.tint is None or len(part.tint) == len(part.vertices)
+
+
+def test_a_mesh_of_nothing_but_triangles_without_area_is_refused(tmp_path):
+    (tmp_path / "a.obj").write_text(f"{CUBE}f 1 1 2\nf 2 3 2\nf 7 7 7\n")
+    with pytest.raises(
+        UserError, match=r"a\.obj: cannot find the faces of this mesh: none of its triangles has an area"
+    ):
+        MeshFile(path=str(tmp_path / "a.obj"), allow_open=True).build(np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("points", "faces"),
+    [
+        ("v 0.5 0.5 1\n", "f 5 6 7\nf 5 9 8\nf 9 7 8\nf 5 7 9\n"),
+        ("v 0.25 0.25 1\nv 0.75 0.75 1\n", "f 5 6 7\nf 5 9 8\nf 9 10 8\nf 10 7 8\nf 5 10 9\nf 5 7 10\n"),
+        ("v 0.25 0.25 1\nv 0.75 0.75 1\n", "f 5 6 7\nf 5 9 8\nf 9 10 8\nf 10 7 8\nf 5 7 9\nf 9 7 10\n"),
+    ],
+)
+def test_a_triangle_without_area_that_closes_a_t_junction_leaves_no_edge(tmp_path, points, faces):
+    """The diagonal of the cube's top is one side of the triangle below it, and several of those above."""
+    sides = CUBE_FACES.rpartition("f 5")[0]
+    (tmp_path / "a.obj").write_text(f"{CUBE}{points}{sides}{faces}")
+    structure = MeshFile(path=str(tmp_path / "a.obj")).build(np.random.default_rng(0)).structure
+    assert len(structure.edges) == 12 and len(structure.face_normals) == 6
