@@ -24,6 +24,8 @@ KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
 TEXTURES = (*KINDS, "TGA")
 ORIENTATION = 0x0112
 """Tag of Exif."""
+JPEG = b"\xff\xd8\xff"
+"""First bytes of JPEG files."""
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """First bytes of TIFF files of both byte orders, and of those beyond 4 GB."""
 VIDEOS = {
@@ -53,8 +55,7 @@ def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR, bits: int = 
     Colour and grey images have 8 bits; bits: see `to_8_bits`. IMREAD_UNCHANGED gives the samples as they are.
     """
     size_px(path, data)
-    if data.startswith(TIFF):
-        _refuse_damage(path, data)
+    refuse_damage(path, data)
     deep = flags in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE) and white_of(data) != WHITE_8
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags | (cv2.IMREAD_ANYDEPTH if deep else 0))
@@ -95,8 +96,15 @@ def is_plain(data: bytes) -> bool:
             return True
 
 
-def _refuse_damage(path: Path, data: bytes) -> None:
-    """UserError for a damaged TIFF, of which OpenCV would return the readable part."""
+def refuse_damage(path: Path, data: bytes) -> None:
+    """UserError for a damaged TIFF or JPEG, of which decoders would return the readable part."""
+    if data.startswith(JPEG):
+        from uavbench.scenes.decoding.jpeg_damage import jpeg_damage  # lazy: numba, which other images do not need
+
+        if why := jpeg_damage(data):
+            raise UserError(f"{path}: the image is damaged: {why}; render or copy it again")
+    if not data.startswith(TIFF):
+        return
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -48,10 +48,11 @@ def warm_up_command() -> None:
     """Compile all kernels now, which the first command would wait for otherwise."""
     from uavbench.bench.closed_loop import fly
     from uavbench.bench.runner import tasks
-    from uavbench.scenes.png import encoder  # with these three, every module with kernels is imported
+    from uavbench.scenes.decoding import jpeg_damage
+    from uavbench.scenes.png import encoder  # with these four, every module with kernels is imported
     from uavbench.trajectories.kernels.warm_up import kernels_of, prepare
 
-    modules = (fly.__name__, tasks.__name__, encoder.__name__)
+    modules = (fly.__name__, tasks.__name__, jpeg_damage.__name__, encoder.__name__)
     prepare(*modules)
     say(f"{len(kernels_of(modules))} kernels are compiled")
 

@@ -1,4 +1,4 @@
-"""What a decoder does not tell of images of others: the bits of their samples.
+"""What decoders do not tell of images of others: the bits of their samples, and damage within JPEG files.
 
-In: content of an image file. Out: grey levels of 8 bits. Imports trajectories only.
+In: content of an image file. Out: grey levels of 8 bits, or what is wrong. Imports compiled kernels.
 """

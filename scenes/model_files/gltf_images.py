@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from uavbench.scenes.image_files import TEXTURES, size_px
+from uavbench.scenes.image_files import TEXTURES, refuse_damage, size_px
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import read_bytes
@@ -29,6 +29,7 @@ def check_embedded(path: Path, data: bytes, scene: dict[str, Any]) -> None:
             continue
         try:
             size_px(path, content, TEXTURES)
+            refuse_damage(path, content)
         except UserError:
             name = image.get("name") or image.get("mimeType") or "without a name"
             raise UserError(

@@ -7,7 +7,7 @@ from urllib.parse import unquote
 
 from trimesh.resolvers import Resolver
 
-from uavbench.scenes.image_files import TEXTURES, size_px
+from uavbench.scenes.image_files import TEXTURES, refuse_damage, size_px
 from uavbench.scenes.model_files.obj_materials import (
     TextureMap,
     found_name,
@@ -60,6 +60,7 @@ class ModelFolder(Resolver):
             data = read_bytes(path, MODEL, inside=self.folder)
             if path.suffix.lower() not in (".mtl", ".bin"):
                 size_px(path, data, TEXTURES)
+                refuse_damage(path, data)
             return data
         except UserError as error:
             self.refused.append(f"refers to {name.strip()}: {error}; put it next to the model or export it again")

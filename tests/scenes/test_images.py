@@ -13,7 +13,9 @@ from PIL import Image
 
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.calibration import calibrate
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.decoding.jpeg_damage import jpeg_damage
 from uavbench.scenes.image_files import KINDS, load_image, open_video, read_image
 from uavbench.scenes.model_files.mesh_file import read as read_mesh
 from uavbench.trajectories.errors import UserError
@@ -161,3 +163,90 @@ def test_a_bomb_takes_no_memory(tmp_path):
         [sys.executable, "-c", code, str(tmp_path / "a.png")], capture_output=True, text=True, check=True
     )
     assert int(done.stdout) < 50_000  # kB
+
+
+def jpeg(**options):
+    """A JPEG file of a smooth picture."""
+    picture = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (121, 163, 3), dtype=np.uint8), (0, 0), 2)
+    buffer = io.BytesIO()
+    Image.fromarray(picture).convert(options.pop("mode", "RGB")).save(buffer, "JPEG", **{"quality": 90, **options})
+    return buffer.getvalue()
+
+
+FORMS = {
+    "plain": {},
+    "grey": {"mode": "L"},
+    "no subsampling": {"subsampling": 0, "quality": 100},
+    "optimized": {"optimize": True, "quality": 40},
+    "with restarts": {"restart_marker_rows": 1},
+    "with many restarts": {"restart_marker_blocks": 3},
+    "progressive": {"progressive": True},
+}
+END = b"\xff\xd9"
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_whole_jpeg_is_read_as_opencv_decodes_it(tmp_path, form):
+    data = jpeg(**FORMS[form])
+    for content in (data, data[:-2] + b"\xff\xff" + END, data + b"a maker's note"):
+        (tmp_path / "a.jpg").write_bytes(content)
+        np.testing.assert_array_equal(load_image(tmp_path / "a.jpg"), cv2.imdecode(np.frombuffer(data, np.uint8), 1))
+
+
+DAMAGE = {
+    "file ends early": lambda data, at: data[:at],
+    "stream ends early": lambda data, at: data[:at] + END,
+    "a lost packet": lambda data, at: data[:at] + data[at + 300 :],
+    "zeros": lambda data, at: data[:at] + bytes(300) + data[at + 300 :],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("form", FORMS)
+def test_a_damaged_jpeg_is_told(tmp_path, form, damage):
+    if form == "progressive" and damage in ("a lost packet", "zeros"):
+        pytest.skip("of progressive files only missing scans are noticed")
+    data, path = jpeg(**FORMS[form]), tmp_path / "a.jpg"
+    for share in (0.3, 0.5, 0.7):
+        path.write_bytes(DAMAGE[damage](data, int(share * len(data))))
+        with pytest.raises(
+            UserError, match=r"a\.jpg: (the image is damaged: .*; render or copy it|not a readable image)"
+        ):
+            load_image(path)
+        with pytest.raises(UserError, match=r"a\.jpg: .*(damaged|not a readable)"):
+            read_image(path, Camera.from_field_of_view(163, 121, 60.0))
+
+
+def test_a_jpeg_of_scans_for_each_colour_is_followed():
+    """As few cameras write it: one scan for each component, cut together from three grey files."""
+    parts = [jpeg(mode="L", quality=quality) for quality in (90, 90, 90)]
+    scans = [part[part.index(b"\xff\xda") : -2] for part in parts]
+    frame = parts[0].index(b"\xff\xc0")
+    tables = parts[0][2 : parts[0].index(b"\xff\xda")]
+    head = parts[0][frame : frame + 10]  # marker, length, precision, size, components
+    three = b"".join(bytes((number, 0x11, 0)) for number in (1, 2, 3))
+    header = head[:2] + struct.pack(">H", 17) + head[4:9] + b"\x03" + three
+    tables = tables.replace(parts[0][frame : frame + 13], header)
+    named = [scan[:5] + bytes((number,)) + scan[6:] for number, scan in zip((1, 2, 3), scans, strict=True)]
+    whole = b"\xff\xd8" + tables + b"".join(named) + END
+    assert cv2.imdecode(np.frombuffer(whole, np.uint8), 1).shape == (121, 163, 3)
+    assert jpeg_damage(whole) == ""
+    assert jpeg_damage(b"\xff\xd8" + tables + b"".join(named[:2]) + END) == "its data end too soon"
+    assert jpeg_damage(b"\xff\xd8" + tables + named[0] + named[1] + named[2][: len(named[2]) // 2] + END)
+
+
+def test_restarts_that_are_missing_or_too_many_are_told():
+    data = jpeg(restart_marker_rows=1)
+    first = data.index(b"\xff\xd0", data.index(b"\xff\xda"))
+    second, third = data.index(b"\xff\xd1", first), data.index(b"\xff\xd2", first)
+    assert jpeg_damage(data[:first] + data[second:]) == "parts of its data are missing"
+    assert jpeg_damage(data[:-2] + data[first:third] + END)
+
+
+def test_a_damaged_texture_is_told(tmp_path):
+    data = jpeg()
+    (tmp_path / "wall.jpg").write_bytes(data[: len(data) // 2] + END)
+    (tmp_path / "a.mtl").write_text("newmtl w\nmap_Kd wall.jpg\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl w\nf 1/1 2/1 3/1\n")
+    with pytest.raises(UserError, match=r"a\.obj: .*wall\.jpg: the image is damaged"):
+        read_mesh(tmp_path / "a.obj")
