@@ -87,12 +87,13 @@ def table_of_extents(works: Iterable[Work]) -> str:
 
 
 def shortfalls(markers: Iterable[Path]) -> list[str]:
-    """Path requirements that the flights of rendered sequences did not meet, from their sequence.json."""
+    """Path requirements that rendered flights did not meet, and doubts about recordings, from their sequence.json."""
     lines = []
     for marker in markers:
         info = json.loads(marker.read_text(encoding="utf-8"))
         if "flight" in info and (line := FlightSummary(**info["flight"]).shortfall()):
             lines.append(f"{info['name']}: {line}")
+        lines += [f"doubt: {info['name']}: {doubt}" for doubt in info.get("doubts", ())]
     return lines
 
 

@@ -21,6 +21,7 @@ from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.image_files import is_plain, read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
 from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
@@ -174,17 +175,19 @@ def record(
             "initial_cam_from_world": recording.initial_cam_from_world.matrix.tolist(),
             "content_hash": content_hash,
             "versions": versions(),
+            "doubts": doubts_of_names(recording.images, spec.rate_hz),
         }
         write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
         write_manifest(new)
 
 
 def images_in(folder: Path) -> tuple[Path, ...]:
-    """Images of a folder in the order of their names; UserError when it has none."""
+    """Images of a folder in the order of their names; UserError when it has none, or one twice in two types."""
     try:
         found = in_order(folder)
     except OSError as error:
         raise UserError(f"{folder}: not a readable folder: {error.strerror}") from None
     if not found:
         raise UserError(f"{folder}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
+    refuse_twins(found)
     return tuple(found)

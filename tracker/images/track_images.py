@@ -1,6 +1,5 @@
 """Runs a tracker on real images of a folder, a video or a topic of a ROS 2 bag; writes results and an overlay video."""
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.image_files import finish_video, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
+from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, refuse_twins
 from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.images.video_images import VideoImages
 from uavbench.tracker.initialization import read_init
@@ -53,8 +53,8 @@ def track_images(
     `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
-    times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read. UserError
-    naming the invalid file.
+    times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, or that seem
+    to be missing. UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
@@ -89,10 +89,17 @@ def track_images(
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
-        record["doubts"] = images.doubts if isinstance(images, VideoImages) else []
+        record["doubts"] = _doubts(source, images, rate_hz)
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results
+
+
+def _doubts(source: Path | BagTopic, images: Iterable[StampedImage], rate_hz: float) -> list[str]:
+    """Messages on images that could not be read, or seem to be missing."""
+    if isinstance(images, VideoImages):
+        return images.doubts
+    return [] if isinstance(source, BagTopic) else doubts_of_names(in_order(source), rate_hz)
 
 
 def load_model(path: Path) -> Structure:
@@ -109,9 +116,9 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[
     if isinstance(source, BagTopic):
         return bag_frames(source, camera)
     if source.is_dir():
+        refuse_twins(images := in_order(source))
         return (
-            StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera))
-            for frame, path in enumerate(in_order(source))
+            StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera)) for frame, path in enumerate(images)
         )
     return VideoImages(source, camera, rate_hz)
 
@@ -119,12 +126,7 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[
 def in_order(folder: Path) -> list[Path]:
     """Images of a folder sorted by name, with numbers compared by value: 9.png before 10.png."""
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted(images, key=lambda path: (_by_numbers(path.name), path.name))
-
-
-def _by_numbers(name: str) -> list[str | int]:
-    """Texts and numbers of a name, in turn: a text first, which may be empty."""
-    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r"([0-9]+)", name))]
+    return sorted(images, key=lambda path: (by_numbers(path.name), path.name))
 
 
 def rate_of(source: Path | BagTopic, rate_hz: float) -> float:

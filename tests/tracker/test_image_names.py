@@ -1,0 +1,110 @@
+"""Doubts about the times of images by their names."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tests.bench.small_suites import own_images
+from uavbench.bench.cli.main import main
+from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
+from uavbench.trajectories.errors import UserError
+
+FLIGHT = Path("flight")
+
+
+def named(*names):
+    return [FLIGHT / name for name in names]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["a.png"],
+        ["0.png", "1.png", "2.png"],
+        ["000010.png", "000020.png", "000030.png"],
+        ["left.png", "left1.png"][:1],
+        ["f1_07.png", "f1_08.png"],
+        ["20240101_120000.png", "20240101_120001.png"],
+        ["1_01.png", "2_02.png", "9_03.png"],
+        [f"{1403636579000000000 + round(k * 1e9 / 15)}.png" for k in range(5)],
+        [f"{1403636579000 + round(k * 1e3 / 15)}.png" for k in range(5)],
+    ],
+)
+def test_names_without_gaps_leave_no_doubt(names):
+    assert doubts_of_names(named(*names), 15.0) == []
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["1.png", "2.png", "5.png"], "flight: after 2.png comes 5.png: if images are missing, the times are wrong"),
+        (
+            ["f00.png", "f02.png", "f06.png", "f08.png", "f20.png"],
+            "after f02.png comes f06.png, and after 1 more",
+        ),
+        (
+            ["1403636579000000000.png", "1403636579050000000.png"],
+            "look like times .* taken 1 / 15 s apart; correct",
+        ),
+        (["left1.png", "left2.png", "right1.png"], "right1.png follows left2.png: if these are of different cameras"),
+    ],
+)
+def test_a_doubt_says_where_and_what_to_do(names, message):
+    (found,) = doubts_of_names(named(*names), 15.0)
+    with pytest.raises(UserError, match=message):
+        raise UserError(found)
+
+
+def test_two_files_of_one_image_are_refused():
+    refuse_twins(named("1.png", "01.png", "2.jpg"))
+    with pytest.raises(UserError, match=r"flight: has 1\.jpg and 1\.png, which would count as two images; keep"):
+        refuse_twins(named("1.jpg", "1.png"))
+
+
+SUITE = """
+title = "gap"
+rates_hz = [15.0]
+[recordings.mine]
+rate_hz = 15.0
+[recordings.mine.source]
+kind = "files"
+images_path = "frames"
+model_file = "model.obj"
+camera_file = "camera.toml"
+init_file = "init.toml"
+[trackers]
+hold = { kind = "hold" }
+"""
+
+
+def test_a_missing_image_is_told_by_both_commands(tmp_path):
+    own_images(tmp_path)
+    frames = sorted((tmp_path / "frames").iterdir())
+    frames[1].unlink()
+    (tmp_path / "suite.toml").write_text(SUITE)
+    words = {
+        "track": [
+            "hold",
+            "--images",
+            "frames",
+            "--model",
+            "model.obj",
+            "--camera",
+            "camera.toml",
+            "--init",
+            "init.toml",
+        ],
+        "render": ["suite.toml", "--jobs", "1"],
+    }
+    for command, given in words.items():
+        given = [str(tmp_path / word) if (tmp_path / word).exists() else word for word in given]
+        done = CliRunner().invoke(main, [command, *given, "--out", str(tmp_path / command)])
+        assert done.exit_code == 0, done.output
+        assert f"after {frames[0].name} comes {frames[2].name}" in done.output
+        assert "doubt: " in done.output
+    frames[0].with_suffix(".jpg").write_bytes(frames[0].read_bytes())
+    for command, given in words.items():
+        given = [str(tmp_path / word) if (tmp_path / word).exists() else word for word in given]
+        done = CliRunner().invoke(main, [command, *given, "--out", str(tmp_path / f"{command}2")])
+        assert done.exit_code == 2 and "would count as two images" in done.output, done.output
