@@ -24,6 +24,12 @@ from uavbench.trajectories.pose import Array
 DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
 BITS = (0, *range(FEWEST_BITS, MOST_BITS + 1))
 """Bits of a sample that a camera may have; 0: as its images say."""
+WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
+"""Most sides of the image, in focal lengths: 175 degrees of a pinhole, 360 degrees of an equidistant fisheye."""
+BORDER = 17
+"""Pixels of each side of an image at which a lens is checked: distortion grows towards the borders."""
+LEAST_ROUND_TRIP_PX = 0.5
+"""Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 
 
@@ -148,9 +154,35 @@ class Camera:
                 f"{path}: unknown keys {unknown}, missing keys {missing} (a camera has {', '.join(fields)})"
             )
         try:
-            return cls(**values)
+            camera = cls(**values)
         except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{path}: {error}") from None
+        if inside is None and (why := _implausible(camera)):  # a rendered one was checked
+            raise UserError(f"{path}: {why}")
+        return camera
+
+
+def _implausible(camera: Camera) -> str:
+    """Why the numbers of a camera cannot be those of its images, "" if they can."""
+    for name, side in (("fx", camera.width), ("fy", camera.height)):
+        if side > WIDEST[camera.distortion_model] * (focal_px := getattr(camera, name)):
+            return (
+                f"{name} = {focal_px:g} px is too short for {side} px of any lens; it is in pixels, neither in mm "
+                "nor a share of the image's width"
+            )
+    if camera.distortion_model != "radtan":
+        return ""
+    across, down = np.linspace(0, camera.width - 1, BORDER), np.linspace(0, camera.height - 1, BORDER)
+    border = np.array([(u, v) for u in across for v in down if u in across[[0, -1]] or v in down[[0, -1]]])
+    with np.errstate(all="ignore"):
+        off_px = np.abs(camera.project(camera.rays(border)) - border).max(axis=1)
+    if (off_px < LEAST_ROUND_TRIP_PX).all():
+        return ""
+    u, v = border[int(np.argmin(off_px < LEAST_ROUND_TRIP_PX))]
+    return (
+        f"distortion = {list(camera.distortion)}: the lens folds over before pixel ({u:.0f}, {v:.0f}), which no ray "
+        "reaches; are they k1, k2, p1, p2 of this camera? Calibrate with the board at the image's borders, too"
+    )
 
 
 def _pixels(points: NDArray[Any]) -> Array:

@@ -19,6 +19,7 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.tasks import Render
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import compare, verify, write_manifest
@@ -426,3 +427,47 @@ def test_undistorted_images_of_every_camera_are_told(three: Sequence, tmp_path: 
 
 def test_the_body_of_another_camera_has_its_sensors(shifted: Sequence) -> None:
     assert [*body_of(shifted.cameras["right"]).sensors] == [*body_of(shifted).sensors]
+
+
+OWN = {"width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 319.5, "cy": 239.5}
+
+
+def load_own(folder, **values):
+    """A camera.toml of a user."""
+    path = folder / "camera.toml"
+    path.write_text("".join(f"{key} = {value!r}\n".replace("'", '"') for key, value in {**OWN, **values}.items()))
+    return Camera.load(path)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"fx": 15.0, "fy": 15.0},
+        {"distortion_model": "radtan", "distortion": [-0.28, 0.07, 0.0002, 0.00002]},
+        {"distortion_model": "radtan", "distortion": [-0.31, 0.13, 0.001, -0.002, -0.02]},
+        {"distortion_model": "radtan", "distortion": [0.4, 0.1, 0.0, 0.0]},
+        {"distortion_model": "equidistant", "distortion": [0.01, 0.0, 0.0, 0.0], "fx": 105.0, "fy": 105.0},
+        {"cx": -100.0, "cy": 900.0},
+    ],
+)
+def test_cameras_of_users_are_read(tmp_path, values):
+    camera = load_own(tmp_path, **values)
+    assert {key: getattr(camera, key) for key in (*OWN, *values)} == {
+        key: tuple(value) if key == "distortion" else value for key, value in {**OWN, **values}.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"fx": 4.5, "fy": 4.5}, r"fx = 4\.5 px is too short for 640 px .* neither in mm"),
+        ({"fy": 0.8}, r"fy = 0\.8 px is too short for 480 px"),
+        ({"distortion_model": "equidistant", "distortion": [0.0] * 4, "fx": 90.0}, r"fx = 90 px is too short"),
+        ({"distortion_model": "radtan", "distortion": [-1.5, 0.0, 0.0, 0.0]}, r"folds over before pixel \(0, 0\)"),
+        ({"distortion_model": "radtan", "distortion": [-0.28, 0.07, 0.9, 0.0]}, r"are they k1, k2, p1, p2"),
+    ],
+)
+def test_numbers_that_no_camera_of_these_images_has_are_told(tmp_path, values, message):
+    with pytest.raises(UserError, match=rf"camera\.toml: .*{message}"):
+        load_own(tmp_path, **values)
