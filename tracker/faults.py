@@ -22,6 +22,8 @@ COUNTS = ("segments", "control_points", "candidates", "inliers")
 LEAST_EIGENVALUE = -1e-6
 """Tolerance for round-off: ratio of a covariance's smallest eigenvalue to its largest."""
 
+ASYMMETRY = 1e-4
+"""Largest difference of two elements of a covariance that should be equal, of its largest: of products in float32."""
 ROTATION_ERROR = 1e-3
 """Tolerance of R R^T - I of a rotation, as for the quaternions of external trackers."""
 
@@ -119,6 +121,8 @@ def _no_covariance(covariance: Any) -> str:
         return f"is {_named(covariance)}, not an array (6, 6)"
     if not (issubclass(covariance.dtype.type, Real) and np.isfinite(covariance).all()):
         return "holds a number that is not finite"
+    if np.abs(covariance - covariance.T).max() > ASYMMETRY * np.abs(covariance).max():
+        return "is not symmetric; is it a triangular factor of one? Then return L @ L.T"
     values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
     if not values[0] >= LEAST_EIGENVALUE * abs(values[-1]):
         return f"has the eigenvalue {values[0]:.3g}; none may be negative"

@@ -104,6 +104,10 @@ def errors(tracker, sequence):
             "from dataclasses import replace; return replace(ok, covariance=-np.eye(6))",
             "[bad-result] the covariance has",
         ),
+        (
+            "from dataclasses import replace; return replace(ok, covariance=np.linalg.cholesky(np.eye(6) + 1))",
+            "[bad-result] the covariance is not symmetric; is it a triangular factor of one? Then return L @ L.T",
+        ),
         ("from dataclasses import replace; return replace(ok, stage_ms=3)", "[bad-result] stage_ms is not a mapping"),
         ("from dataclasses import replace; return replace(ok, inliers=2.5)", "[bad-result] inliers is float"),
     ],

@@ -100,7 +100,7 @@ def test_stamps_beyond_64_bits_are_told_before_they_are_written_out(tmp_path, st
     if Decimal(stamp).adjusted() < 18 and format == "euroc":
         pytest.skip("fits as nanoseconds")
     (tmp_path / "a.txt").write_text(f"{stamp} {ROW}\n")
-    with pytest.raises(UserError, match=r"line 1: the time stamp .* does not fit into 64-bit nanoseconds"):
+    with pytest.raises(UserError, match=r"line 1: the time stamp .* does not fit into 64-bit .*is it in the unit"):
         read_trajectory(tmp_path / "a.txt", format)
 
 

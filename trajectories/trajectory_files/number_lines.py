@@ -230,7 +230,10 @@ def _stamp(path: Path, number: int, text: str, unit_ns: int) -> int:
     except OverflowError:
         stamp = 2**63
     if not -(2**63) <= stamp < 2**63:
-        raise UserError(f"{path}: line {number}: the time stamp {text[:40]!r} does not fit into 64-bit nanoseconds")
+        raise UserError(
+            f"{path}: line {number}: the time stamp {text[:40]!r} does not fit into 64-bit nanoseconds; "
+            "is it in the unit of its format (TUM: seconds, EuRoC: nanoseconds)?"
+        )
     return stamp
 
 
