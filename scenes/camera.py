@@ -26,8 +26,6 @@ BITS = (0, *range(FEWEST_BITS, MOST_BITS + 1))
 """Bits of a sample that a camera may have; 0: as its images say."""
 WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
 """Most sides of the image, in focal lengths: 175 degrees of a pinhole, 360 degrees of an equidistant fisheye."""
-BORDER = 17
-"""Pixels of each side of an image at which a lens is checked: distortion grows towards the borders."""
 LEAST_ROUND_TRIP_PX = 0.5
 """Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
@@ -163,7 +161,11 @@ class Camera:
 
 
 def _implausible(camera: Camera) -> str:
-    """Why the numbers of a camera cannot be those of its images, "" if they can."""
+    """Why the numbers of a camera cannot be those of its images, "" if they can.
+
+    A lens is checked at the middles of the image's sides: in the corners, where no board was seen, good calibrations of
+    wide lenses fold over, too.
+    """
     for name, side in (("fx", camera.width), ("fy", camera.height)):
         if side > WIDEST[camera.distortion_model] * (focal_px := getattr(camera, name)):
             return (
@@ -172,8 +174,8 @@ def _implausible(camera: Camera) -> str:
             )
     if camera.distortion_model != "radtan":
         return ""
-    across, down = np.linspace(0, camera.width - 1, BORDER), np.linspace(0, camera.height - 1, BORDER)
-    border = np.array([(u, v) for u in across for v in down if u in across[[0, -1]] or v in down[[0, -1]]])
+    right, low = camera.width - 1.0, camera.height - 1.0
+    border = np.array([(0.0, low / 2), (right, low / 2), (right / 2, 0.0), (right / 2, low)])
     with np.errstate(all="ignore"):
         off_px = np.abs(camera.project(camera.rays(border)) - border).max(axis=1)
     if (off_px < LEAST_ROUND_TRIP_PX).all():

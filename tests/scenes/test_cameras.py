@@ -447,6 +447,7 @@ def load_own(folder, **values):
         {"distortion_model": "radtan", "distortion": [-0.28, 0.07, 0.0002, 0.00002]},
         {"distortion_model": "radtan", "distortion": [-0.31, 0.13, 0.001, -0.002, -0.02]},
         {"distortion_model": "radtan", "distortion": [0.4, 0.1, 0.0, 0.0]},
+        {"distortion_model": "radtan", "distortion": [-0.26, 0.078, 0.0, 0.0, -0.011], "fx": 300.0, "fy": 300.0},
         {"distortion_model": "equidistant", "distortion": [0.01, 0.0, 0.0, 0.0], "fx": 105.0, "fy": 105.0},
         {"cx": -100.0, "cy": 900.0},
     ],
@@ -464,7 +465,7 @@ def test_cameras_of_users_are_read(tmp_path, values):
         ({"fx": 4.5, "fy": 4.5}, r"fx = 4\.5 px is too short for 640 px .* neither in mm"),
         ({"fy": 0.8}, r"fy = 0\.8 px is too short for 480 px"),
         ({"distortion_model": "equidistant", "distortion": [0.0] * 4, "fx": 90.0}, r"fx = 90 px is too short"),
-        ({"distortion_model": "radtan", "distortion": [-1.5, 0.0, 0.0, 0.0]}, r"folds over before pixel \(0, 0\)"),
+        ({"distortion_model": "radtan", "distortion": [-1.5, 0.0, 0.0, 0.0]}, r"folds over before pixel \(0, 240\)"),
         ({"distortion_model": "radtan", "distortion": [-0.28, 0.07, 0.9, 0.0]}, r"are they k1, k2, p1, p2"),
     ],
 )
