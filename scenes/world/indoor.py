@@ -11,18 +11,24 @@ from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.primitives.meshes import panel
 from uavbench.scenes.renderables import BuiltEnvironment, Light, Part
+from uavbench.scenes.world.furniture import Span, Wall, furniture, radiator
 from uavbench.trajectories.pose import Array, rotation_exp
 
 TILE_M = 2.4
 TILE_PX = 1536
 SKIRTING_M = 0.09
+DOOR_WALL, WINDOW_WALL = 0, 2
+"""Right angles around of the walls with the door and the window; the other two have pictures."""
+BESIDE_M = 0.15
+"""Clear distance on either side of a door and a window."""
 
 
 @dataclass(frozen=True)
 class Indoor:
     """A room around the structure at a random heading, lit by an area lamp under the ceiling.
 
-    sharp_textures takes finer mipmaps.
+    sharp_textures takes finer mipmaps. furniture is the share of the walls along which tables, cabinets, shelves and
+    chairs stand; more than 0 also puts a radiator below the window.
     """
 
     floor: Literal["planks", "carpet", "concrete"] = "planks"
@@ -30,6 +36,7 @@ class Indoor:
     height_m: Annotated[float, Gt(1), Interval(le=20)] = 2.8
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
     sharp_textures: bool = False
+    furniture: Annotated[float, Interval(ge=0, le=1)] = 0.0
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
         """The room around a structure of bounds (2, 3) in metres, enlarged if the structure does not fit."""
@@ -38,7 +45,12 @@ class Indoor:
         side, height = max(self.room_m, 4 * extent), max(self.height_m, 1.6 * float(bounds[1, 2]))
         turn = rotation_exp(np.array([0.0, 0.0, rng.uniform(0.15, 1.3)]))
         place = np.array([*(centre[:2] + rng.uniform(-0.1, 0.1, 2) * side), 0.0])
-        parts = [*self._floor(side, centre - place, extent, turn, rng), *_walls(side, height, rng)]
+        parts, walls = self._floor(side, centre - place, extent, turn, rng), _walls(side, height, rng)
+        parts += walls.parts
+        if self.furniture > 0:
+            (own,) = rng.spawn(1)
+            parts += furniture(side, walls.free, self.furniture, own)
+            parts += radiator(side, walls.free[WINDOW_WALL], walls.window_m, own)
         moved = tuple(replace(p, vertices=p.vertices @ turn.T + place, casts_shadow=False) for p in parts)
         b = self.brightness
         tilt, bearing = rng.uniform(0.3, 0.6), rng.uniform(0, 2 * np.pi)
@@ -142,10 +154,21 @@ def _plaster(rng: np.random.Generator) -> Image:
     return noise.paint((214, 211, 202), shade)
 
 
-def _walls(side: float, height: float, rng: np.random.Generator) -> list[Part]:
+@dataclass(frozen=True)
+class Walls:
+    """Walls and ceiling of a room, where furniture may stand along each wall, and the middle of the window, metres to
+    the right of its wall's left corner.
+    """
+
+    parts: list[Part]
+    free: list[Wall]
+    window_m: float
+
+
+def _walls(side: float, height: float, rng: np.random.Generator) -> Walls:
     """Four plastered walls with skirting boards, a door, a window and pictures."""
     plaster = noise.finish(_plaster(rng))
-    half, parts = side / 2, []
+    half, parts, free, window_m = side / 2, list[Part](), list[Wall](), 0.0
     wood = np.full((8, 8, 3), 236, dtype=np.uint8)
     for k in range(4):
         turn = rotation_exp(np.array([0.0, 0.0, k * np.pi / 2]))
@@ -157,18 +180,28 @@ def _walls(side: float, height: float, rng: np.random.Generator) -> list[Part]:
         )
         board = panel((-half, half - 0.004, 0), (side, 0, 0), (0, 0, SKIRTING_M), side)
         parts.append(Part(vertices=board[0] @ turn.T, triangles=board[1], texture=wood))
-        things = [_door(rng)] if k == 0 else [_window(rng)] if k == 2 else [_picture(rng) for _ in range(2)]
+        things = (
+            [_door(rng)] if k == DOOR_WALL else [_window(rng)] if k == WINDOW_WALL else [_picture(rng), _picture(rng)]
+        )
         at = -half + side * (0.25 if len(things) == 2 else rng.uniform(0.3, 0.6))
+        kept, lowest = [], np.inf
         for width, low, high, texture in things:
             corner = (at - width / 2, half - 0.02, min(low, height - 0.3))
             vertices, triangles, uv = panel(corner, (width, 0, 0), (0, 0, min(high, height - 0.1) - corner[2]), 9.0)
-            glow = 2.4 if k == 2 else 0.95  # daylight behind the window
+            glow = 2.4 if k == WINDOW_WALL else 0.95  # daylight behind the window
             tint = np.column_stack([np.full((len(vertices), 3), glow), np.full(len(vertices), 0.6)])
             parts.append(Part(vertices=vertices @ turn.T, triangles=triangles, uv=uv, texture=texture, tint=tint))
+            if len(things) == 1:
+                kept.append(Span(at + half - width / 2 - BESIDE_M, at + half + width / 2 + BESIDE_M))
+            if k == WINDOW_WALL:
+                window_m = at + half
+            if k != DOOR_WALL:
+                lowest = min(lowest, low)
             at += side * 0.4
+        free.append(Wall(k, tuple(kept), lowest))
     ceiling = panel((-half, -half, height), (0, side, 0), (side, 0, 0), side)
     parts.append(Part(vertices=ceiling[0], triangles=ceiling[1], texture=wood))
-    return parts
+    return Walls(parts, free, window_m)
 
 
 Thing = tuple[float, float, float, np.ndarray]
