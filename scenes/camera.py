@@ -29,15 +29,18 @@ WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
 LEAST_ROUND_TRIP_PX = 0.5
 """Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
+RESPONSES = ("srgb", "linear")
+"""Responses that have a name: codes by IEC 61966-2-1, and in proportion to light."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics in px and a distortion model.
+    """Intrinsics in px, a distortion model, and how codes follow light.
 
     distortion_model: `none`; `radtan` with k1 k2 p1 p2 [k3] (Brown-Conrady, OpenCV order);
     `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
     bits: of a sample, where image files have 16 and do not say how many of them count; 0: as the files say.
+    response: `srgb` (IEC 61966-2-1), `linear`, or the exponent by which codes in 0..1 become light.
     Raises ValueError naming the field that is out of range.
 
     >>> import numpy as np
@@ -55,6 +58,7 @@ class Camera:
     distortion_model: str = "none"
     distortion: tuple[float, ...] = ()
     bits: int = 0
+    response: str | float = "srgb"
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -85,6 +89,13 @@ class Camera:
         if len(self.distortion) not in counts or not np.isfinite(self.distortion).all():
             many = " or ".join(map(str, counts))
             raise ValueError(f"distortion of model {self.distortion_model} takes {many} finite numbers")
+        given: Any = self.response
+        number = not isinstance(given, bool) and isinstance(given, Real)
+        if not (0 < float(given) < np.inf if number else given in list(RESPONSES)):
+            raise ValueError(
+                f"response = {given!r}: must be one of {', '.join(RESPONSES)}, or the positive exponent by which codes "
+                "become light, as in response = 2.2"
+            )
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> "Camera":
@@ -138,6 +149,9 @@ class Camera:
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
         lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
         lines += [f"bits = {self.bits}"] if self.bits else []
+        named = isinstance(self.response, str)
+        if self.response != "srgb":
+            lines.append(f'response = "{self.response}"' if named else f"response = {self.response}")
         write_text(path, "\n".join(lines) + "\n", kind=kind)
 
     @classmethod

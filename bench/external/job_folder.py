@@ -1,7 +1,7 @@
 """Job folder of an external tracker: everything that a tracker may know, never the ground truth.
 
     job.toml       mode, rate_hz, seed
-    camera.toml    width height fx fy cx cy distortion_model distortion
+    camera.toml    width height fx fy cx cy distortion_model distortion [response]
     model.obj      the structure: vertices, triangles, one group for each planar face
     model.cao      the same as polygons, one for each planar face, as ViSP reads it
     edges.csv      its true edges: vertex_0, vertex_1, face_0, face_1 (from 0; -1: no face)

@@ -10,9 +10,11 @@ from uavbench.scenes.rendering.radiance import encode
 from uavbench.tracker.robust.edges.blur import MOST_BLUR_PX, Blur
 from uavbench.tracker.robust.edges.blur_kernels import LEAST_MEASURED, excess_blur
 from uavbench.tracker.robust.edges.measurements import SearchLines
-from uavbench.tracker.robust.edges.step_kernels import FIRST_BLUR_PX, PIXEL_PX
+from uavbench.tracker.robust.edges.step_kernels import FIRST_BLUR_PX, PIXEL_PX, Optics
+from uavbench.tracker.robust.fit.response import srgb_light
 
 SIZE, FINE = 61, 8
+SRGB = srgb_light(np.arange(256) / 255)
 DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
 CODES = np.concatenate([encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0]]).astype(float)
 
@@ -39,7 +41,7 @@ def excess(image, lines, distance, blur_px, learned=True):
     appearance = np.zeros((n, 8))
     appearance[:, :6], appearance[:, 6] = CODES, float(learned)
     return excess_blur.for_python(
-        image, lines, np.arange(n), appearance, np.broadcast_to(distance, n).astype(float), blur_px
+        image, lines, np.arange(n), appearance, np.broadcast_to(distance, n).astype(float), Optics(SRGB, blur_px)
     )
 
 

@@ -5,11 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.radiance import encode
-from uavbench.tracker.robust.edges.step_kernels import Strip, fit_step, learned_light, room_for
+from uavbench.tracker.robust.edges.step_kernels import Optics, Strip, fit_step, learned_light, room_for
+from uavbench.tracker.robust.fit.response import light_of_codes, srgb_light
 
 SIZE, FINE, BLUR_PX = 41, 8, 0.5
 DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
+SRGB = srgb_light(np.arange(256) / 255)
 
 
 def edge(distance, angle_deg, noise=0.0, rng=None):
@@ -39,15 +42,15 @@ def strip(gap, distance, angle_deg, middle=0.3):
     return np.clip(np.rint(codes), 0, 255).astype(np.uint8), lines
 
 
-def fit(image, lines, start, colour, blur_px=BLUR_PX):
-    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, blur_px), colour, room_for(6))
+def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB):
+    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room_for(6))
 
 
 def direction():
     row = np.zeros(8)
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
     colour = np.empty(3)
-    return learned_light(row, 3, colour), colour
+    return learned_light(row, 3, SRGB, colour), colour
 
 
 @pytest.mark.parametrize("angle", [0, 20, 45, 70, 90, 135, 200, 310])
@@ -119,3 +122,17 @@ def test_a_strip_of_less_light_than_either_side_is_found_too():
     _, colour = direction()
     found, _ = fit(image, lines[::-1].copy(), 0.0, colour)
     assert fit(image, lines[::-1].copy(), found, colour)[0] == pytest.approx(-0.2, abs=0.02)
+
+
+@pytest.mark.parametrize(("response", "exponent"), [("linear", 1.0), (1.8, 1.8)])
+def test_a_step_is_found_in_the_codes_of_a_camera_whose_response_is_known(response, exponent):
+    image, line = edge(0.2, 20)
+    codes = np.rint(255 * SRGB ** (1 / exponent)).astype(np.uint8)
+    row, colour = np.zeros(8), np.empty(3)
+    row[:3], row[3:6], row[6] = codes[encode(DARK[None, None])[0, 0]], codes[encode(BRIGHT[None, None])[0, 0]], 5
+    known = light_of_codes(Camera(SIZE, SIZE, 40, 40, 20, 20, response=response))
+    found = []
+    for light in (known, SRGB):
+        learned_light(row, 3, light, colour)
+        found.append(abs(fit(codes[image], line, 0.2, colour, light=light).distance - 0.2))
+    assert found[0] < 0.01 and found[1] > 2 * found[0]

@@ -9,6 +9,7 @@ from uavbench.tracker.robust.config.edges import AppearanceConfig
 from uavbench.tracker.robust.edges.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import APPEARANCE, Image, learn, learn_squares
+from uavbench.tracker.robust.edges.step_kernels import OPTICS, Optics
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -29,17 +30,17 @@ class LookedAt(NamedTuple):
 
 
 class Nearness(NamedTuple):
-    """Residuals in px below which the step at a control point is its edge's, and the colours beside it are; the blur
-    that is assumed, px.
+    """Residuals in px below which the step at a control point is its edge's, and the colours beside it are; the optics
+    that are assumed.
     """
 
     near_px: float
     beside_px: float
-    blur_px: float
+    optics: Optics
 
 
 LOOKED_AT = named_tuple(LookedAt, "i1! f1! f1! i1!")
-NEARNESS = named_tuple(Nearness, "f0 f0 f0")
+NEARNESS = named_tuple(Nearness, "f0 f0 optics", optics=OPTICS)
 
 
 @compiled(
@@ -71,4 +72,4 @@ def learn_appearance(
             found[p] = seen.weight[p]
     learn_squares(at, rows, distance, covariance, appearance, config)
     learn(image, at, rows, found, appearance, config)
-    return excess_blur(image, at, rows, appearance, alone, limits.blur_px)
+    return excess_blur(image, at, rows, appearance, alone, limits.optics)

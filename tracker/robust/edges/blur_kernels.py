@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.step_kernels import LEAST_STEP, Strip, learned_light, room_for, solve, sums_of_steps
+from uavbench.tracker.robust.edges.step_kernels import (
+    OPTICS,
+    Optics,
+    Strip,
+    learned_light,
+    room_for,
+    solve,
+    sums_of_steps,
+)
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -27,19 +35,20 @@ take time."""
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 lines i1 f2 f1 f0", inner=True, lines=SEARCH_LINES)
+@compiled("u3 lines i1 f2 f1 optics", inner=True, lines=SEARCH_LINES, optics=OPTICS)
 def excess_blur(
-    image: Image, at: SearchLines, rows: Indices, appearance: Array, distance: Array, blur_px: float
+    image: Image, at: SearchLines, rows: Indices, appearance: Array, distance: Array, optics: Optics
 ) -> float:
-    """Variance of the blur in px^2 beyond that of blur_px: the median over control points of edges that stand alone.
+    """Variance of the blur in px^2 beyond that of the optics: the median over control points of edges that stand alone.
 
     rows (n,) of appearance; distance (n,) in px of a step from the point along its normal, inf where none is alone. NaN
     where too few were measured.
     """
+    blur_px = optics.blur_px
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS)
     A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
-    strip, alone = Strip(ALONG_PX, ALONG_PX, blur_px), 0
+    strip, alone = Strip(ALONG_PX, ALONG_PX, optics), 0
     for p in range(len(rows)):
         alone += int(distance[p] < np.inf)
     every, alone = 1 + alone // MOST_MEASURED, 0
@@ -47,7 +56,7 @@ def excess_blur(
         if not distance[p] < np.inf:
             continue
         alone += 1
-        if alone % every or not learned_light(appearance[rows[p]], image.shape[2], colour) > 0.0:
+        if alone % every or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
             continue
         for k in range(COMPONENTS):
             moved = distance[p] + (k - 1) * blur_px
@@ -63,7 +72,7 @@ def excess_blur(
                 A[i, j] = products[2 * i, 2 * j] - products[size - 1, 2 * i] * products[size - 1, 2 * j] / n
                 A[j, i] = A[i, j]
         height = x[0] + x[1] + x[2] if solve(A, x) >= 0.0 else 0.0
-        if height > LEAST_STEP:
+        if height > optics.light[1]:  # more than one code
             mean = blur_px * (x[2] - x[0]) / height
             measured[known] = blur_px**2 * (x[2] + x[0]) / height - mean**2
             known += 1

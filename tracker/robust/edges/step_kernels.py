@@ -21,14 +21,10 @@ from uavbench.tracker.robust.edges.columns import (
     V,
 )
 from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
-CODES = np.arange(256) / 255
-LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2.4)
-"""Linear intensity of sRGB codes (IEC 61966-2-1), which is what pixels integrate."""
-LEAST_STEP = float(LIGHT[1])
-"""Least intensity step: that of one code."""
 PIXEL_PX = 1 / math.sqrt(12)
 """Standard deviation of the area of a pixel, in any direction: the least blur."""
 FIRST_BLUR_PX = 0.5
@@ -66,12 +62,19 @@ class Step(NamedTuple):
     variance_px2: float
 
 
+class Optics(NamedTuple):
+    """How light becomes codes: light (256,) of each code, and the standard deviation blur_px of the blur."""
+
+    light: Array
+    blur_px: float
+
+
 class Strip(NamedTuple):
-    """Pixels about a control point: about `beside` scan lines to either side, spread over `along` px; their blur_px."""
+    """Pixels about a control point: about `beside` scan lines to either side, spread over `along` px; their optics."""
 
     along: int
     beside: int
-    blur_px: float
+    optics: Optics
 
 
 class Sums(NamedTuple):
@@ -90,6 +93,7 @@ class Sums(NamedTuple):
 
 
 NO_STEP = Step(np.inf, np.inf)
+OPTICS = named_tuple(Optics, "f1! f0")
 
 
 @compiled("i0", inner=True)
@@ -106,7 +110,7 @@ def room_for(steps: int) -> Sums:
 
 
 @inlined
-def learned_light(row: Array, channels: int, colour: Array) -> float:
+def learned_light(row: Array, channels: int, light: Array, colour: Array) -> float:
     """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`."""
     colour[:] = 0.0
     if not row[TIMES_SEEN] > 0.0:
@@ -114,7 +118,7 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     square = 0.0
     for c in range(channels):
         high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
-        colour[c] = LIGHT[min(255, int(high + 0.5))] - LIGHT[min(255, int(low + 0.5))]
+        colour[c] = light[min(255, int(high + 0.5))] - light[min(255, int(low + 0.5))]
         square += colour[c] * colour[c]
     step = math.sqrt(square)
     if step > 0.0:
@@ -132,7 +136,8 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
     over `along` px. The first 2 k + 2 rows and columns of the products in `sums` become those of these pixels.
     """
     h, w, channels = image.shape
-    along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.blur_px
+    along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
+    light_of = strip.optics.light
     nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
     u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
     by_rows = abs(nu) >= abs(nv)
@@ -162,7 +167,7 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
             column, row = (low + x, y) if by_rows else (y, low + x)
             light = 0.0
             for c in range(3):
-                light += colour[c] * LIGHT[image[row, column, min(c, channels - 1)]]
+                light += colour[c] * light_of[image[row, column, min(c, channels - 1)]]
             terms[size - 2, x], terms[size - 1, x] = light, 1.0
         for i in range(size):
             for j in range(i + 1):
@@ -240,9 +245,9 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     whole = height[0]
     for i in range(1, steps):
         across = (edges[i, U] - edges[0, U]) * edges[0, NORMAL_U] + (edges[i, V] - edges[0, V]) * edges[0, NORMAL_V]
-        if abs(across) < TOGETHER_WIDTHS * strip.blur_px:
+        if abs(across) < TOGETHER_WIDTHS * strip.optics.blur_px:
             whole += height[i]
-    if not whole > LEAST_STEP:
+    if not whole > strip.optics.light[1]:  # less than one code
         return NO_STEP
     noise = max(0.0, products[light, light] - explained) / (n - steps - 2)
     return Step(start + shift, noise * A[steps, steps])

@@ -13,7 +13,9 @@ from uavbench.tracker.robust.edges.step_kernels import (
     CLEAR_WIDTHS,
     MAX_SHIFT_PX,
     MOST_STEPS,
+    OPTICS,
     REACH_PX,
+    Optics,
     Strip,
     fit_step,
     learned_light,
@@ -59,10 +61,11 @@ FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
 
 
 @compiled(
-    "u3 lines points f2 fitted f0 weights",
+    "u3 lines points f2 fitted optics weights",
     lines=SEARCH_LINES,
     points=CONTROL_POINTS,
     fitted=FITTED_POINTS,
+    optics=OPTICS,
     weights=WEIGHTS,
 )
 def refine_subpixel(
@@ -71,21 +74,20 @@ def refine_subpixel(
     points: ControlPoints,
     appearance: Array,
     fitted: FittedPoints,
-    blur_px: float,
+    optics: Optics,
     config: WeightConfig,
 ) -> SubpixelEdges:
     """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
 
-    blur_px: standard deviation of the blur. The variance is that of the fit, and the part of the learned mean square
-    that the edge's offset leaves. If no step can be fitted, distance and variance are those of `fitted`, with an
-    infinite distance for a weight of 0.
+    The variance is that of the fit, and the part of the learned mean square that the edge's offset leaves. If no step
+    can be fitted, distance and variance are those of `fitted`, with an infinite distance for a weight of 0.
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
     distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
     together = np.zeros(len(lines), np.int64)
     distance[:] = np.inf
-    coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, blur_px), REACH_PX + CLEAR_WIDTHS * blur_px
+    coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, optics), REACH_PX + CLEAR_WIDTHS * optics.blur_px
     colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS)
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0
@@ -98,7 +100,7 @@ def refine_subpixel(
             if not weights[p] > 0.0:
                 continue
             distance[p, 0] = residual[p]
-            if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], colour) > 0.0:
+            if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
                 continue
             steps = crowd(at, first, g, p, reach_px, edges)
             if steps == 0:
@@ -106,7 +108,7 @@ def refine_subpixel(
             near = fit_step(image, edges[:steps], start, coarse, colour, sums)
             if not abs(near.distance - start) < MAX_SHIFT_PX:
                 continue
-            found = fit_step(image, edges[:steps], near.distance, Strip(along, FINE_LINES, blur_px), colour, sums)
+            found = fit_step(image, edges[:steps], near.distance, Strip(along, FINE_LINES, optics), colour, sums)
             if abs(found.distance - start) < MAX_SHIFT_PX:
                 distance[p, 0], together[p] = found.distance, steps
                 learned = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]

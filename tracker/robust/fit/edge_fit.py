@@ -17,6 +17,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
+from uavbench.tracker.robust.edges.step_kernels import Optics
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
@@ -40,6 +41,7 @@ from uavbench.tracker.robust.fit.pose_fit import (
     Searched,
     Solution,
 )
+from uavbench.tracker.robust.fit.response import light_of_codes
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
@@ -68,7 +70,7 @@ class EdgeFitter:
         self.view = View.of(camera, structure)
         self.most_points, self.now_s = 0, 0.0
         self.sharp = True
-        self.blur = Blur()
+        self.blur, self.light = Blur(), light_of_codes(camera)
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.rng = rng
@@ -86,6 +88,11 @@ class EdgeFitter:
         """Forget the patches."""
         self.texture = Texture(self.edges, self.camera, self.view, self.config)
         self.texture.now_s = self.now_s
+
+    @property
+    def optics(self) -> Optics:
+        """How light is thought to become codes."""
+        return Optics(self.light, self.blur.px)
 
     @property
     def memory(self) -> Memory:
@@ -230,7 +237,7 @@ class EdgeFitter:
             problem.points,
             self.appearance,
             fitted,
-            self.blur.px,
+            self.optics,
             self.values.weights,
         )
         candidates = Candidates(steps.distance, found.measured.candidates.contrast)
@@ -335,7 +342,8 @@ class EdgeFitter:
             return
         lines = self.search_lines(fit.residuals.points, self.view.at(fit.cam_from_world))
         seen = Seen(layered(image), lines, fit.residuals)
-        learn_edges(self.appearance, self.blur, seen, fit.covariance, self.values)
+        excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance, self.values)
+        self.blur.learn(excess_px2, self.values.appearance.learning_rate)
         self.learned += 1
         learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
 

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.appearance_kernels import LookedAt, Nearness, learn_appearance
-from uavbench.tracker.robust.edges.blur import Blur
 from uavbench.tracker.robust.edges.columns import OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import SearchLines
+from uavbench.tracker.robust.edges.step_kernels import Optics
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
@@ -37,13 +37,15 @@ class Seen(NamedTuple):
     residuals: FitResiduals
 
 
-def learn_edges(appearance: Array, blur: Blur, seen: Seen, covariance: Array, values: KernelConfig) -> None:
-    """Update appearance and mean squares of the edges, and the blur, from a fit with this covariance (6, 6)."""
+def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array, values: KernelConfig) -> float:
+    """Update appearance and mean squares of the edges from a fit with this covariance (6, 6).
+
+    Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
+    """
     image, lines, used = seen
     looked_at = LookedAt(used.points.rows, used.weighting.residual, used.weighting.weight, used.steps)
-    limits = Nearness(values.widths.last_px, values.widths.trusted_px, blur.px)
-    excess_px2 = learn_appearance(image, lines, looked_at, covariance, appearance, limits, values.appearance)
-    blur.learn(excess_px2, values.appearance.learning_rate)
+    limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
+    return learn_appearance(image, lines, looked_at, covariance, appearance, limits, values.appearance)
 
 
 def learn_patches(memory: Memory, seen: Seen, fit: Fit, dt_s: float, good_support: float) -> None:
