@@ -41,7 +41,7 @@ def excess(image, lines, distance, blur_px, learned=True):
     appearance = np.zeros((n, 8))
     appearance[:, :6], appearance[:, 6] = CODES, float(learned)
     return excess_blur.for_python(
-        image, lines, np.arange(n), appearance, np.broadcast_to(distance, n).astype(float), Optics(SRGB, blur_px)
+        image, lines, np.arange(n), appearance, np.broadcast_to(distance, n).astype(float), Optics(SRGB[None], blur_px)
     )
 
 

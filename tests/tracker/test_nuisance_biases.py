@@ -8,6 +8,7 @@ from uavbench.tracker.robust.solver.bias_kernels import linearize, observability
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
+from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint
 from uavbench.trajectories.pose import Pose
 
@@ -16,6 +17,8 @@ APART = EdgeKinds(np.full(EDGES, -1), np.ones(EDGES), 0)
 """No edge looks like another."""
 ALIKE = EdgeKinds(np.array([0, 1, 0, -1, 1, 0, -1]), np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0]), 2)
 """Two kinds of edges, some of them with opposite normals, and two edges that look like no other."""
+STILL = Step(np.eye(6), np.zeros(6), np.zeros(6), np.eye(6), np.zeros(0))
+"""The step of a fit that has converged, by a response that is known."""
 SURE = np.eye(6) * 1e18
 """Information of patches that leave no doubt about the pose."""
 
@@ -70,7 +73,7 @@ def test_the_arrow_is_solved_as_the_whole_system_is(kinds):
         edge, J, residual = frame(rng, pose, rng.normal(size=6) * 1e-3, offsets)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 50.0))
         if k == 0:
-            common.begin(common.offsets(views, spread[views], SHARED), sums, nothing, prior, pose)
+            common.begin(common.offsets(views, spread[views], SHARED), sums, STILL, prior, pose)
         rows = np.concatenate([J @ X[k], np.eye(EDGES)[edge]], axis=1)
         part = 50.0 if k == 0 else 50.0 / 4
         dense += part * rows.T @ rows
@@ -121,7 +124,7 @@ def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(of
         edge, J, residual = frame(rng, pose, left, offsets, noise_px=0.05)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 1 / 0.05**2))
         if k == 0:
-            common.begin(common.offsets(views, spread[views], SHARED), sums, np.zeros(6), np.eye(6) * 1e-2, pose)
+            common.begin(common.offsets(views, spread[views], SHARED), sums, STILL, np.eye(6) * 1e-2, pose)
             continue
         X = adjoint(pose.rotation, pose.translation)
         left = left - np.linalg.solve(

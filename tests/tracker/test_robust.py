@@ -141,6 +141,7 @@ def test_a_patch_that_is_missed_lowers_the_support_and_one_not_looked_for_does_n
         Candidates(np.zeros((10, 4)), np.full((10, 4), 50.0)),
         np.ones(10),
         np.ones(10),
+        np.zeros((10, 0)),
     )
     found, missed, untried = (np.array([1.0, 0.9]), np.ones(2)), (np.zeros(2), np.zeros(2)), (np.zeros(2), -np.ones(2))
     weak_step = CONFIG.edges.appearance.weak_step_grey

@@ -10,6 +10,7 @@ from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
+from uavbench.tracker.robust.solver.response_state import KnownResponse
 from uavbench.tracker.robust.solver.solve_kernels import PosePrior, refine
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Pose
@@ -39,8 +40,9 @@ def covariance_of(kinds, variance_px2, shared):
     return variance_px2 * (common + np.diag(np.where(kinds.kinds >= 0, 1 - shared, 1.0)))
 
 
+@pytest.mark.parametrize("numbers", [0, 1, 2])
 @pytest.mark.parametrize("kinds", [APART, ALIKE])
-def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
+def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds, numbers):
     rng, shared = np.random.default_rng(4), 0.6
     n = EDGES * ON_EDGE
     edge = np.repeat(np.arange(EDGES), ON_EDGE)
@@ -50,7 +52,9 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
     residual, variance, weight = rng.normal(0, 0.3, n), rng.uniform(0.01, 0.1, n), rng.uniform(0.2, 1.0, n)
     moved, patch_variance = rng.normal(0, 1e-4, (PATCHES, 2)), rng.uniform(0.01, 0.1, PATCHES)  # far from the cutoff
     prior = np.diag(rng.uniform(1e2, 1e3, 6))
-    biases = NuisanceBiases(kinds, BiasConfig())
+    by_response, mean, root = (rng.normal(0, 0.2, size) for size in ((n, numbers), numbers, (numbers, numbers)))
+    response = KnownResponse(mean, root @ root.T)
+    biases = NuisanceBiases(kinds, BiasConfig(), numbers)
     offsets = biases.offsets(np.arange(EDGES), np.full(EDGES, 0.2**2), shared)
     measured = EdgeMeasurements(
         ControlPoints(points, np.zeros((n, 3), np.int64), np.zeros(n, np.int64), np.arange(EDGES + 1) * ON_EDGE),
@@ -58,6 +62,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
         Candidates(np.column_stack([residual, np.full(n, np.inf)]), np.ones((n, 2))),
         weight,
         variance,
+        by_response,
     )
     matches = PatchMatches(places, CAMERA.project(places) + moved, np.ones(PATCHES), patch_variance)
     identity = np.eye(3), np.zeros(3)
@@ -67,25 +72,31 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds):
         measured,
         matches,
         biases.seen_with(offsets),
-        PosePrior(prior, *identity),
+        PosePrior(prior, *identity, response),
         view,
         np.array([LINEAR_PX]),
         kernel_values(EstimatorConfig()),
     )
     J = np.einsum("ni,nij->nj", normals, jacobian(points))
-    of_points = np.concatenate([J, np.zeros((n, 6)), np.eye(EDGES)[edge]], axis=1)
+    of_points = np.concatenate([J, np.zeros((n, 6)), np.eye(EDGES)[edge], by_response], axis=1)
     K = jacobian(places).reshape(-1, 6)
-    of_patches = np.concatenate([K, -K, np.zeros((2 * PATCHES, EDGES))], axis=1)
+    of_patches = np.concatenate([K, -K, np.zeros((2 * PATCHES, EDGES + numbers))], axis=1)
     rows, right = np.vstack([of_points, of_patches]), np.concatenate([residual, moved.ravel()])
     information = np.concatenate([weight / variance, np.repeat(1 / patch_variance, 2)])
     dense = (rows.T * information) @ rows
     dense[:6, :6] += prior
     dense[6:12, 6:12] += np.eye(6)  # what a fresh filter knows of the patches' pose error
-    dense[12:, 12:] += np.linalg.inv(covariance_of(kinds, 0.2**2, shared))
-    solution = np.linalg.solve(dense, rows.T @ (information * right))
+    dense[12 : 12 + EDGES, 12 : 12 + EDGES] += np.linalg.inv(covariance_of(kinds, 0.2**2, shared))
+    told = np.linalg.inv(np.linalg.inv(dense[: 12 + EDGES, : 12 + EDGES])[:6, :6])
+    dense[12 + EDGES :, 12 + EDGES :] += np.linalg.inv(response.covariance)
+    whole = rows.T @ (information * right)
+    whole[12 + EDGES :] += np.linalg.inv(response.covariance) @ mean
+    solution = np.linalg.solve(dense, whole)
     np.testing.assert_allclose(found.step.to_fit, solution[:6], rtol=1e-5)
     marginal = np.linalg.inv(np.linalg.inv(dense)[:6, :6])
     np.testing.assert_allclose(found.step.information, marginal, rtol=1e-4, atol=1e-4 * np.abs(marginal).max())
+    np.testing.assert_allclose(found.step.told, told, rtol=1e-4, atol=1e-4 * np.abs(told).max())
+    np.testing.assert_allclose(found.step.to_response, solution[12 + EDGES :], rtol=1e-5)
     np.testing.assert_allclose(Pose(found.R, found.t).matrix, Pose.exp(found.step.to_fit).matrix, atol=1e-12)
 
 
@@ -103,6 +114,7 @@ def weights_of_patches(points, moved_px, sigma_px):
         Candidates(np.zeros((points, 2)), np.ones((points, 2))),
         np.ones(points),
         np.full(points, 0.01),
+        np.zeros((points, 0)),
     )
     biases = NuisanceBiases(EdgeKinds(np.full(3, -1), np.ones(3), 0), BiasConfig())
     rows = np.arange(len(first) - 1)
@@ -112,7 +124,7 @@ def weights_of_patches(points, moved_px, sigma_px):
         measured,
         PatchMatches(places, observed, np.ones(PATCHES), np.full(PATCHES, sigma_px**2)),
         biases.seen_with(offsets),
-        PosePrior(1e8 * np.eye(6), *identity),
+        PosePrior(1e8 * np.eye(6), *identity, KnownResponse(np.zeros(0), np.zeros((0, 0)))),
         view,
         np.array([FINE_PX]),
         kernel_values(EstimatorConfig()),

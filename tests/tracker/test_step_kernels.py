@@ -42,15 +42,17 @@ def strip(gap, distance, angle_deg, middle=0.3):
     return np.clip(np.rint(codes), 0, 255).astype(np.uint8), lines
 
 
-def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB):
-    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room_for(6))
+def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB[None]):
+    return fit_step(
+        image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room_for(6, len(light) - 1)
+    )
 
 
 def direction():
     row = np.zeros(8)
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
     colour = np.empty(3)
-    return learned_light(row, 3, SRGB, colour), colour
+    return learned_light(row, 3, SRGB[None], colour), colour
 
 
 @pytest.mark.parametrize("angle", [0, 20, 45, 70, 90, 135, 200, 310])
@@ -132,7 +134,7 @@ def test_a_step_is_found_in_the_codes_of_a_camera_whose_response_is_known(respon
     row[:3], row[3:6], row[6] = codes[encode(DARK[None, None])[0, 0]], codes[encode(BRIGHT[None, None])[0, 0]], 5
     known = light_of_codes(Camera(SIZE, SIZE, 40, 40, 20, 20, response=response))
     found = []
-    for light in (known, SRGB):
+    for light in (known[None], SRGB[None]):
         learned_light(row, 3, light, colour)
         found.append(abs(fit(codes[image], line, 0.2, colour, light=light).distance - 0.2))
     assert found[0] < 0.01 and found[1] > 2 * found[0]

@@ -33,7 +33,7 @@ def of_one_edge(learned, *, times=1.0, side=1, distance=0.2, contrast=50.0, trus
     found = Candidates(np.full((n, 1), distance), np.full((n, 1), contrast))
     own = point_variances(points, found, appearance, WEAK_STEP, kernel_values(WEIGHTS))
     lines = SearchLines(np.zeros((n, 4)), np.zeros((n, 6)), np.full(n, side))
-    measured = EdgeMeasurements(points, lines, found, np.full(n, trusted), own)
+    measured = EdgeMeasurements(points, lines, found, np.full(n, trusted), own, np.zeros((n, 0)))
     return own, offset_variances(measured, appearance, LOOKS, kernel_values(WEIGHTS))
 
 
@@ -136,7 +136,7 @@ def test_a_missed_part_of_a_known_edge_counts_as_much_as_its_other_parts():
     counts = contrast_weights(known_rows(points.rows, appearance), appearance, weak, weights)
     found = Candidates(np.zeros((2, 1)), np.full((2, 1), 1000 * weak))
     lines = SearchLines(np.zeros((2, 4)), np.zeros((2, 6)), np.ones(2, np.int64))
-    measured = EdgeMeasurements(points, lines, found, own, np.ones(2))
+    measured = EdgeMeasurements(points, lines, found, own, np.ones(2), np.zeros((2, 0)))
     nothing = np.zeros(0)
     for kept, share in (([1, 1], 1.0), ([1, 0], 0.5), ([0, 1], 0.5)):
         got = support(measured, counts, own * kept, nothing, nothing, appearance, weak)

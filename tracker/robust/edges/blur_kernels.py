@@ -46,9 +46,9 @@ def excess_blur(
     """
     blur_px = optics.blur_px
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
-    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS)
+    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0)
     A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
-    strip, alone = Strip(ALONG_PX, ALONG_PX, optics), 0
+    strip, alone = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px)), 0
     for p in range(len(rows)):
         alone += int(distance[p] < np.inf)
     every, alone = 1 + alone // MOST_MEASURED, 0
@@ -72,7 +72,7 @@ def excess_blur(
                 A[i, j] = products[2 * i, 2 * j] - products[size - 1, 2 * i] * products[size - 1, 2 * j] / n
                 A[j, i] = A[i, j]
         height = x[0] + x[1] + x[2] if solve(A, x) >= 0.0 else 0.0
-        if height > optics.light[1]:  # more than one code
+        if height > optics.light[0, 1]:  # more than one code
             mean = blur_px * (x[2] - x[0]) / height
             measured[known] = blur_px**2 * (x[2] + x[0]) / height - mean**2
             known += 1

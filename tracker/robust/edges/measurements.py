@@ -47,13 +47,17 @@ class Candidates(NamedTuple):
 
 
 class EdgeMeasurements(NamedTuple):
-    """Measurements of the edges in an image: weight (n,) in [0, 1] before robust weighting, variance_px2 (n,)."""
+    """Measurements of the edges in an image: weight (n,) in [0, 1] before robust weighting, variance_px2 (n,).
+
+    by_response (n, r): derivatives of the distances for the numbers of the camera's response, px.
+    """
 
     points: ControlPoints
     lines: SearchLines
     candidates: Candidates
     weight: Array
     variance_px2: Array
+    by_response: Array
 
 
 CONTROL_POINTS = named_tuple(ControlPoints, "f2! i2! i1! i1!")
@@ -61,7 +65,7 @@ SEARCH_LINES = named_tuple(SearchLines, "f2! f2! i1!")
 CANDIDATES = named_tuple(Candidates, "f2! f2!")
 EDGE_MEASUREMENTS = named_tuple(
     EdgeMeasurements,
-    "points lines candidates f1! f1!",
+    "points lines candidates f1! f1! f2!",
     points=CONTROL_POINTS,
     lines=SEARCH_LINES,
     candidates=CANDIDATES,

@@ -63,7 +63,9 @@ class Step(NamedTuple):
 
 
 class Optics(NamedTuple):
-    """How light becomes codes: light (256,) of each code, and the standard deviation blur_px of the blur."""
+    """How light becomes codes: light (1 + r, 256) of each code, then its derivatives for r numbers of the response, and
+    the standard deviation blur_px of the blur.
+    """
 
     light: Array
     blur_px: float
@@ -80,9 +82,9 @@ class Strip(NamedTuple):
 class Sums(NamedTuple):
     """Arrays that a fit of up to k steps writes, made once for many fits.
 
-    terms (2 k + 2, ACROSS): H and H' of each step, the light, and 1, at the pixels of a scan line. products
-    (2 k + 2, 2 k + 2): its lower half is their sums over all pixels. A (k + 1, k + 1), x (k + 1,): normal equations of
-    the heights and the shift. height (k,).
+    terms (2 k + 2 + r, ACROSS): H and H' of each step, the light, 1, and the light's derivatives, at the pixels of a
+    scan line. products (2 k + 2 + r, 2 k + 2): its lower half is their sums over all pixels. A (k + 1, k + 1),
+    x (k + 1,): normal equations of the heights and the shift. height (k,). by_response (r,): derivatives of the shift.
     """
 
     terms: Array
@@ -90,22 +92,24 @@ class Sums(NamedTuple):
     A: Array
     x: Array
     height: Array
+    by_response: Array
 
 
 NO_STEP = Step(np.inf, np.inf)
-OPTICS = named_tuple(Optics, "f1! f0")
+OPTICS = named_tuple(Optics, "f2! f0")
 
 
-@compiled("i0", inner=True)
-def room_for(steps: int) -> Sums:
-    """Arrays for fits of up to so many steps."""
+@compiled("i0 i0", inner=True)
+def room_for(steps: int, derivatives: int) -> Sums:
+    """Arrays for fits of up to so many steps, with so many derivatives of the light."""
     size, unknowns = 2 * steps + 2, steps + 1
     return Sums(
-        np.empty((size, ACROSS)),
-        np.empty((size, size)),
+        np.empty((size + derivatives, ACROSS)),
+        np.empty((size + derivatives, size)),
         np.empty((unknowns, unknowns)),
         np.empty(unknowns),
         np.empty(steps),
+        np.empty(derivatives),
     )
 
 
@@ -118,7 +122,7 @@ def learned_light(row: Array, channels: int, light: Array, colour: Array) -> flo
     square = 0.0
     for c in range(channels):
         high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
-        colour[c] = light[min(255, int(high + 0.5))] - light[min(255, int(low + 0.5))]
+        colour[c] = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
         square += colour[c] * colour[c]
     step = math.sqrt(square)
     if step > 0.0:
@@ -133,11 +137,12 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
 
     edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
     on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
-    over `along` px. The first 2 k + 2 rows and columns of the products in `sums` become those of these pixels.
+    over `along` px. The first 2 k + 2 + r rows of the products in `sums` become those of these pixels.
     """
     h, w, channels = image.shape
     along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
     light_of = strip.optics.light
+    rows = len(light_of) + 1  # that of the light, 1, and the derivatives of the light
     nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
     u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
     by_rows = abs(nu) >= abs(nv)
@@ -165,10 +170,19 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
                 terms[2 * i, x], terms[2 * i + 1, x] = STEP[at], SLOPE[at] * widths_per_px
         for x in range(ACROSS):
             column, row = (low + x, y) if by_rows else (y, low + x)
-            light = 0.0
+            for r in range(rows):
+                terms[size - 2 + r, x] = 1.0 if r == 1 else 0.0
             for c in range(3):
-                light += colour[c] * light_of[image[row, column, min(c, channels - 1)]]
-            terms[size - 2, x], terms[size - 1, x] = light, 1.0
+                code = image[row, column, min(c, channels - 1)]
+                terms[size - 2, x] += colour[c] * light_of[0, code]
+                for r in range(2, rows):
+                    terms[size - 2 + r, x] += colour[c] * light_of[r - 1, code]
+        for i in range(size, size - 2 + rows):
+            for j in range(size):
+                total = products[i, j]
+                for x in range(ACROSS):
+                    total += terms[i, x] * terms[j, x]
+                products[i, j] = total
         for i in range(size):
             for j in range(i + 1):
                 total = products[i, j]
@@ -207,13 +221,17 @@ def solve(A: Array, x: Array) -> float:
 def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> Step:
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 
-    Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels.
+    Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels; otherwise the
+    derivatives of the distance for the response are in `sums`.
     """
     steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
     if n < 3 * ACROSS:
         return NO_STEP
-    products, last = sums.products, 2 * steps + 1
-    for i in range(last):  # the level is eliminated
+    products, last, rows = sums.products, 2 * steps + 1, len(sums.by_response)
+    for i in range(last + 1, last + 1 + rows):  # the level is eliminated
+        for j in range(last):
+            products[i, j] -= products[i, last] * products[last, j] / n
+    for i in range(last):
         for j in range(i + 1):
             products[i, j] -= products[last, i] * products[last, j] / n
             products[j, i] = products[i, j]
@@ -247,7 +265,18 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
         across = (edges[i, U] - edges[0, U]) * edges[0, NORMAL_U] + (edges[i, V] - edges[0, V]) * edges[0, NORMAL_V]
         if abs(across) < TOGETHER_WIDTHS * strip.optics.blur_px:
             whole += height[i]
-    if not whole > strip.optics.light[1]:  # less than one code
+    if not whole > strip.optics.light[0, 1]:  # less than one code
         return NO_STEP
     noise = max(0.0, products[light, light] - explained) / (n - steps - 2)
+    for r in range(rows):  # at the minimum, where the shift is linear in the light
+        row, moved = last + 1 + r, 0.0
+        for i in range(steps):
+            moved -= height[i] * products[row, 2 * i + 1]
+            x[i] = products[row, 2 * i] - shift * products[row, 2 * i + 1]
+            for k in range(i):
+                x[i] -= A[i, k] * x[k]
+            x[i] *= A[i, i]
+        for i in range(steps):
+            moved -= A[steps, i] * x[i]
+        sums.by_response[r] = -moved * A[steps, steps]
     return Step(start + shift, noise * A[steps, steps])

@@ -49,12 +49,14 @@ class FittedPoints(NamedTuple):
 class SubpixelEdges(NamedTuple):
     """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,).
 
-    steps (n,): number of steps fitted together, 0 where none was.
+    steps (n,): number of steps fitted together, 0 where none was. by_response (n, r): derivatives of the distance for
+    the numbers of the response, 0 without a step.
     """
 
     distance: Array
     variance_px2: Array
     steps: Indices
+    by_response: Array
 
 
 FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
@@ -87,8 +89,11 @@ def refine_subpixel(
     distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
     together = np.zeros(len(lines), np.int64)
     distance[:] = np.inf
-    coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, optics), REACH_PX + CLEAR_WIDTHS * optics.blur_px
-    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS)
+    numbers = len(optics.light) - 1
+    by_response, alone = np.zeros((len(lines), numbers)), Optics(optics.light[:1], optics.blur_px)
+    coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, alone), REACH_PX + CLEAR_WIDTHS * optics.blur_px
+    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS, numbers)
+    of_light = room_for(MOST_STEPS, 0)
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0
         for p in range(first[g], first[g + 1]):
@@ -105,7 +110,7 @@ def refine_subpixel(
             steps = crowd(at, first, g, p, reach_px, edges)
             if steps == 0:
                 continue
-            near = fit_step(image, edges[:steps], start, coarse, colour, sums)
+            near = fit_step(image, edges[:steps], start, coarse, colour, of_light)
             if not abs(near.distance - start) < MAX_SHIFT_PX:
                 continue
             found = fit_step(image, edges[:steps], near.distance, Strip(along, FINE_LINES, optics), colour, sums)
@@ -113,7 +118,26 @@ def refine_subpixel(
                 distance[p, 0], together[p] = found.distance, steps
                 learned = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
                 variance[p] = found.variance_px2 + learned
-    return SubpixelEdges(distance, variance, together)
+                by_response[p] = sums.by_response
+        share_evenly(by_response, together, first, g)
+    return SubpixelEdges(distance, variance, together, by_response)
+
+
+@inlined
+def share_evenly(by_response: Array, steps: Indices, first: Indices, group: int) -> None:
+    """Give all points of an edge that are located (n,) > 0 the mean of their derivatives (n, r), in place.
+
+    So the response is told by whole edges, whose offsets have a prior, and not by how a corner's light differs. Steps
+    that a change of the response moves by more than the fit is linear are not told from those beside them.
+    """
+    for r in range(by_response.shape[1]):
+        total, count = 0.0, 0
+        for p in range(first[group], first[group + 1]):
+            if steps[p] > 0 and abs(by_response[p, r]) < MAX_SHIFT_PX:
+                total, count = total + by_response[p, r], count + 1
+        for p in range(first[group], first[group + 1]):
+            if steps[p] > 0:
+                by_response[p, r] = total / max(count, 1)
 
 
 @inlined

@@ -41,14 +41,14 @@ from uavbench.tracker.robust.fit.pose_fit import (
     Searched,
     Solution,
 )
-from uavbench.tracker.robust.fit.response import light_of_codes
+from uavbench.tracker.robust.fit.response import NUMBERS, Response
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
-from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, refine
+from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, refine, response_seen
 from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
@@ -70,7 +70,7 @@ class EdgeFitter:
         self.view = View.of(camera, structure)
         self.most_points, self.now_s = 0, 0.0
         self.sharp = True
-        self.blur, self.light = Blur(), light_of_codes(camera)
+        self.blur = Blur()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.rng = rng
@@ -80,8 +80,9 @@ class EdgeFitter:
     def forget(self) -> None:
         """Forget the appearance of the edges, the patches and the biases."""
         self.forget_patches()
-        self.biases = NuisanceBiases(self.kinds, self.config.solver.bias)
+        self.biases = NuisanceBiases(self.kinds, self.config.solver.bias, NUMBERS)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
+        self.response = Response(self.camera, self.config.solver.bias)
         self.learned = 0
 
     def forget_patches(self) -> None:
@@ -92,7 +93,7 @@ class EdgeFitter:
     @property
     def optics(self) -> Optics:
         """How light is thought to become codes."""
-        return Optics(self.light, self.blur.px)
+        return Optics(self.response.light, self.blur.px)
 
     @property
     def memory(self) -> Memory:
@@ -187,7 +188,7 @@ class EdgeFitter:
             lines = self.search_lines(points, view)
             separate_px = self.config.solver.estimator.separate_px
             weight, counts = weights_in_view(lines, points, self.appearance, separate_px, self.weak_step, weights)
-            prior = PosePrior(inverse6(covariance), view.R, view.t)
+            prior = PosePrior(inverse6(covariance), view.R, view.t, self.response.known)
             edges = points.rows[points.first[:-1]] // BINS
         return Problem(image, view, covariance, prior, points, lines, weight, counts, edges)
 
@@ -243,9 +244,10 @@ class EdgeFitter:
         candidates = Candidates(steps.distance, found.measured.candidates.contrast)
         alone = contrast_weights(problem.points.rows, self.appearance, self.weak_step, self.values.weights)
         weight = np.where(steps.steps > 0, alone, problem.weight)
-        measured = EdgeMeasurements(problem.points, lines, candidates, weight, steps.variance_px2)
+        measured = EdgeMeasurements(problem.points, lines, candidates, weight, steps.variance_px2, steps.by_response)
         last = self.values.widths.last
-        return Located(self.solve(problem, measured, aligned.matches, found.edges, view, last), steps.steps)
+        estimate = self.solve(problem, measured, aligned.matches, found.edges, view, last)
+        return Located(estimate, steps.steps, steps.by_response)
 
     def judge(self, searched: Searched, at: Located) -> Fit:
         """The fit to the matches of a search, at an estimate from them, with the support that they have."""
@@ -274,7 +276,16 @@ class EdgeFitter:
             float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
             self.chance_of(searched, weighting),
             FitResiduals(
-                points, chosen, correlation, weighting, found.edges, sums, step, problem.prior.information, at.steps
+                points,
+                chosen,
+                correlation,
+                weighting,
+                found.edges,
+                sums,
+                step,
+                problem.prior.information,
+                at.steps,
+                at.by_response,
             ),
             searched,
         )
@@ -307,7 +318,8 @@ class EdgeFitter:
         points = problem.points
         found = search(problem.image, lines, points.rows, self.appearance, half_px, self.weak_step, self.values.search)
         variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
-        return EdgeMeasurements(points, lines, found, problem.weight, variance_px2)
+        none = np.zeros((len(variance_px2), NUMBERS))  # known to a fraction of the error of a search
+        return EdgeMeasurements(points, lines, found, problem.weight, variance_px2, none)
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
         """Offsets of the edges in view, with prior variances from the measurements."""
@@ -342,15 +354,33 @@ class EdgeFitter:
             return
         lines = self.search_lines(fit.residuals.points, self.view.at(fit.cam_from_world))
         seen = Seen(layered(image), lines, fit.residuals)
-        excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance, self.values)
+        excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance_of_told, self.values)
         self.blur.learn(excess_px2, self.values.appearance.learning_rate)
         self.learned += 1
         learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
+        self.learn_response(fit.residuals, fit.cam_from_world, dt_s)
+
+    def learn_response(self, used: FitResiduals, pose: Pose, dt_s: float) -> None:
+        """Update the response with what the edges of a fit at a pose say of it; the biases are relative to it."""
+        if used.steps.any():
+            variance_px2 = float(np.mean(used.edges.variance_px2 + used.edges.kind_px2))
+            shared_px2, view = self.config.edges.weights.shared_part * variance_px2, self.view.at(pose)
+            prior = PosePrior(used.prior_information, view.R, view.t, self.response.known)
+            before = self.biases.before(used.edges)
+            self.response.learn(response_seen(used.sums, before, prior, view, shared_px2), dt_s)
+        moved = self.response.locate()
+        if not len(self.texture):
+            self.biases.forget()  # the offsets of edges are relative to patches
+        elif moved.any() or not (used.weighting.patch_weight > 0).any():  # then all patches are new
+            faces = self.texture.patches.face[: len(self.texture)]
+            seen = faces[used.chosen[used.weighting.patch_weight > 0]]
+            self.texture.shift(seen if len(seen) else faces, self.biases.follow(moved, pose), pose)
 
 
 def unlocated(searched: Searched) -> Located:
     """The estimate from the matches of a search, which locates no edge between the pixels."""
-    return Located(searched.found.estimate, np.zeros(len(searched.problem.points.points), dtype=np.int64))
+    n = len(searched.problem.points.points)
+    return Located(searched.found.estimate, np.zeros(n, dtype=np.int64), np.zeros((n, NUMBERS)))
 
 
 def layered(image: Image) -> Image:

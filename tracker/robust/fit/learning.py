@@ -43,7 +43,8 @@ def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array
     Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
     """
     image, lines, used = seen
-    looked_at = LookedAt(used.points.rows, used.weighting.residual, used.weighting.weight, used.steps)
+    residual = used.weighting.residual - used.by_response @ used.step.to_response
+    looked_at = LookedAt(used.points.rows, residual, used.weighting.weight, used.steps)
     limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
     return learn_appearance(image, lines, looked_at, covariance, appearance, limits, values.appearance)
 
@@ -63,5 +64,5 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, dt_s: float, good_suppor
     due = hits < MIN_POINTS or memory.frames % TAKE_EVERY == 0
     if due and hits < MOST_USED and fit.edge_support >= good_support:
         if not hits:
-            biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
+            biases.begin(used.edges, used.sums, used.step, used.prior_information, pose)
         texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])

@@ -12,6 +12,7 @@ from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.fit.false_alarms import Chance
+from uavbench.tracker.robust.fit.response import NUMBERS
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step
@@ -27,6 +28,7 @@ NO_MEASUREMENTS = EdgeMeasurements(
     Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
     np.zeros(0),
     np.zeros(0),
+    np.zeros((0, NUMBERS)),
 )
 NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
@@ -68,10 +70,14 @@ class Solution(NamedTuple):
 
 
 class Located(NamedTuple):
-    """An estimate, by edges located between the pixels where steps (n,) of light locate a control point, 0 for none."""
+    """An estimate, by edges located between the pixels where steps (n,) of light locate a control point, 0 for none.
+
+    by_response (n, r): derivatives of their distances for the numbers of the response.
+    """
 
     estimate: Estimate
     steps: Indices
+    by_response: Array
 
 
 class Searched(NamedTuple):
@@ -88,7 +94,7 @@ class FitResiduals(NamedTuple):
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
     view, the sums over a frame and the last step; prior_information (6, 6) of the prediction. steps (n,): number of
-    steps of light that locate each control point, 0 where none does.
+    steps of light that locate each control point, 0 where none does; by_response (n, r): see `Located`.
     """
 
     points: ControlPoints
@@ -100,6 +106,7 @@ class FitResiduals(NamedTuple):
     step: Step
     prior_information: Array
     steps: Indices
+    by_response: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +135,14 @@ class Fit:
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
+
+    @property
+    def covariance_of_told(self) -> Array:
+        """Covariance (6, 6) of the pose if the response was known."""
+        if self.residuals is None:
+            return self.covariance
+        step = self.residuals.step
+        return inverse6(step.told + (inverse6(self.covariance) - step.information))
 
     @property
     def sigma(self) -> float:

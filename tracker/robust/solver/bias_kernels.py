@@ -15,6 +15,7 @@ from uavbench.tracker.robust.solver.bias_state import (
     EDGE_OFFSETS,
     FRAME_SUMS,
     KIND_SUMS,
+    LOCAL_BIASES,
     BiasesInView,
     BiasState,
     EdgeOffsets,
@@ -34,11 +35,21 @@ LEAST_OWN = 1e-3
 
 
 class Marginal(NamedTuple):
-    """Information (6, 6) and vector (6,) on D that marginalizing all offsets removes, and what is left of the kinds."""
+    """What marginalizing all offsets removes of what is common to all edges, and what is left of the kinds.
+
+    information (6 + r, 6 + r), vector (6 + r,).
+    """
 
     information: Array
     vector: Array
     of_kinds: KindSums
+
+
+class Expected(NamedTuple):
+    """Expectation of D and, by r numbers of the response, how it falls with them (6, 1 + r); what is known."""
+
+    D: Array
+    known: Known
 
 
 class PatchError(NamedTuple):
@@ -50,10 +61,10 @@ class PatchError(NamedTuple):
 
 @compiled("f2! f1! f1 f0 f0", inner=True)
 def add_outer(A: Array, v: Array, row: Array, vector: float, part: float) -> None:
-    """Add part times row row^T to A (6, 6) and part times vector times row to v (6,), in place."""
-    for i in range(6):
+    """Add part times row row^T to A (n, n) and part times vector times row to v (n,), in place."""
+    for i in range(len(v)):
         v[i] += part * vector * row[i]
-        for j in range(6):
+        for j in range(len(v)):
             A[i, j] += part * row[i] * row[j]
 
 
@@ -64,7 +75,7 @@ def add_to_kind(state: BiasState, e: int, k: int, times: float, kinds: KindSums)
     part = times * prior / (information + prior)
     kinds.information[k] += part * information
     kinds.vector[k] += state.signs[e] * part * state.offset_vector[e]
-    for i in range(6):
+    for i in range(state.cross.shape[1]):
         kinds.cross[k, i] += state.signs[e] * part * state.cross[e, i]
 
 
@@ -91,9 +102,9 @@ def prior_offsets(state: BiasState, rows: Indices, variance_px2: Array, shared_p
 
 @compiled("state", state=BIAS_STATE)
 def explained_by_offsets(state: BiasState) -> Marginal:
-    """Information and vector on D that marginalizing all offsets removes, those of the kinds last."""
-    A, v, count = np.zeros((6, 6)), np.zeros(6), len(state.kind_prior)
-    kinds = KindSums(np.zeros(count), np.zeros((count, 6)), np.zeros(count))
+    """Information and vector on what is common to all edges that marginalizing all offsets removes, the kinds' last."""
+    n, count = len(state.vector), len(state.kind_prior)
+    A, v, kinds = np.zeros((n, n)), np.zeros(n), KindSums(np.zeros(count), np.zeros((count, n)), np.zeros(count))
     for e in range(len(state.offset_information)):
         information = state.offset_information[e]
         if information > 0.0:
@@ -110,19 +121,20 @@ def explained_by_offsets(state: BiasState) -> Marginal:
 def linearize(biases: BiasesInView, R: Array, t: Array) -> LocalBiases:
     """Information on the biases from the edges in view and all others, at the linearization point (R, t).
 
-    D's expectation is 0.
+    The expectation of D is 0 at the response by which edges are located, of which the state says nothing itself.
     """
     state, known, edges = biases.state, biases.known, biases.edges
     n, every = len(edges.rows), known.of_kinds
-    cross, information, vector = np.empty((n, 6)), np.empty(n), np.empty(n)
+    common = len(state.vector)
+    cross, information, vector = np.empty((n, common)), np.empty(n), np.empty(n)
     kinds, ties, local, count = np.full(n, -1), np.zeros(n), np.full(len(state.kind_prior), -1), 0
-    of_kinds = KindSums(np.zeros(n), np.zeros((n, 6)), np.zeros(n))
-    A, v = known.information.copy(), np.zeros(6)
+    of_kinds = KindSums(np.zeros(n), np.zeros((n, common)), np.zeros(n))
+    A, v = known.information.copy(), np.zeros(common)
     for g in range(n):
         e, own = edges.rows[g], 1.0 / edges.variance_px2[g]
         k = state.kinds[e]
         information[g], vector[g] = state.offset_information[e] + own, state.offset_vector[e]
-        for i in range(6):
+        for i in range(common):
             cross[g, i] = state.cross[e, i]
         if state.offset_information[e] > 0.0:
             part = 1.0 / (state.offset_information[e] + state.offset_prior[e])
@@ -134,7 +146,7 @@ def linearize(biases: BiasesInView, R: Array, t: Array) -> LocalBiases:
             add_outer(A, v, every.cross[k], every.vector[k], 1.0 / (every.information[k] + state.kind_prior[k]))
             of_kinds.information[local[k]] = every.information[k] + 1.0 / edges.kind_px2[g]
             of_kinds.vector[local[k]] = every.vector[k]
-            for i in range(6):
+            for i in range(common):
                 of_kinds.cross[local[k], i] = every.cross[k, i]
         kinds[g], ties[g] = local[k], state.signs[e] * own
         if state.offset_information[e] > 0.0:  # less what this edge says itself
@@ -143,21 +155,80 @@ def linearize(biases: BiasesInView, R: Array, t: Array) -> LocalBiases:
     centre = product(back, t)
     for i in range(3):
         centre[i] = -centre[i]
-    X = transposed(adjoint(back, centre))
+    X = beside_response(transposed(adjoint(back, centre)), common)
     cross, own, kind_vector = each_mapped(X, cross), of_kinds.information[:count].copy(), of_kinds.vector[:count].copy()
     of_kinds = KindSums(own, each_mapped(X, of_kinds.cross[:count]), kind_vector)
     expected = expected_offsets(information, vector, kinds, ties, of_kinds)
-    return LocalBiases(congruence(X, A), product(X, v), cross, information, vector, kinds, ties, of_kinds, expected)
+    A, v = congruence(X, A), product(X, v)
+    biases_here = LocalBiases(A, v, cross, information, vector, kinds, ties, of_kinds, expected)
+    if common > 6:
+        leave_response_open(biases_here)
+    return biases_here
+
+
+@compiled("biases", inner=True, biases=LOCAL_BIASES)
+def leave_response_open(biases: LocalBiases) -> None:
+    """Change the information on the response, in place, so that with all else marginalized there is none.
+
+    The offsets of edges by the response stay known. Frames that see the same offsets say no more of the response than
+    one does, and the offsets' priors are not those that they had in earlier frames.
+    """
+    common, of_kinds = len(biases.vector), biases.of_kinds
+    A, v, row = biases.information.copy(), biases.vector.copy(), np.empty(common)
+    rows, shared, vector = of_kinds.cross.copy(), of_kinds.information.copy(), of_kinds.vector.copy()
+    for g in range(len(biases.offset_information)):
+        scale, k = 1.0 / biases.offset_information[g], biases.kinds[g]
+        for i in range(common):
+            row[i] = biases.cross[g, i]
+        add_outer(A, v, row, biases.offset_vector[g], -scale)
+        if k >= 0:
+            tie = biases.ties[g]
+            shared[k] += abs(tie) - tie * tie * scale
+            vector[k] += tie * biases.offset_vector[g] * scale
+            for i in range(common):
+                rows[k, i] += tie * scale * row[i]
+    for k in range(len(shared)):
+        for i in range(common):
+            row[i] = rows[k, i]
+        add_outer(A, v, row, vector[k], -1.0 / shared[k])
+    M, N = np.empty((6, 6)), np.empty((6, common - 5))
+    for i in range(6):
+        N[i, 0] = v[i]
+        for j in range(6):
+            M[i, j] = A[i, j]
+        for j in range(6, common):
+            N[i, j - 5] = A[i, j]
+    eliminate(M, N)
+    for i in range(6, common):
+        left = v[i]
+        for k in range(6):
+            left -= A[i, k] * N[k, 0]
+        biases.vector[i] -= left
+        for j in range(6, common):
+            left = A[i, j]
+            for k in range(6):
+                left -= A[i, k] * N[k, j - 5]
+            biases.information[i, j] -= left
+
+
+@compiled("f2 i0", inner=True)
+def beside_response(X: Array, common: int) -> Array:
+    """X (6, 6) of a twist, and the identity for the rest of so many unknowns."""
+    out = np.eye(common)
+    for i in range(6):
+        for j in range(6):
+            out[i, j] = X[i, j]
+    return out
 
 
 @compiled("f2 f2", inner=True)
 def each_mapped(X: Array, rows: Array) -> Array:
-    """X row of each row (n, 6)."""
+    """X row of each row (g, n)."""
     out = np.empty(rows.shape)
     for g in range(len(rows)):
-        for i in range(6):
+        for i in range(len(X)):
             total = 0.0
-            for j in range(6):
+            for j in range(len(X)):
                 total += X[i, j] * rows[g, j]
             out[g, i] = total
     return out
@@ -191,14 +262,17 @@ def accumulate(
 
     to_patches (6,): twist from the linearization point (R, t) of the sums to the pose by the patches.
     """
-    X = transposed(adjoint(R, t))
-    information, rest = congruence(X, sums.edge_information), product(sums.edge_information, to_patches)
-    for i in range(6):
-        rest[i] = sums.edge_vector[i] - rest[i]
-    vector = product(X, rest)
-    for i in range(6):
-        state.vector[i] += part * vector[i]
+    common = len(state.vector)
+    X = beside_response(transposed(adjoint(R, t)), common)
+    information, rest = congruence(X, sums.edge_information), np.empty(common)
+    for i in range(common):
+        rest[i] = sums.edge_vector[i]
         for j in range(6):
+            rest[i] -= sums.edge_information[i, j] * to_patches[j]
+    vector = product(X, rest)
+    for i in range(common):
+        state.vector[i] += part * vector[i]
+        for j in range(common):
             state.information[i, j] += part * information[i, j]
     for g in range(len(edges.rows)):
         e, left = edges.rows[g], sums.offset_residual[g]
@@ -210,33 +284,54 @@ def accumulate(
         state.offset_information[e] += part * sums.offset_weight[g]
         state.offset_vector[e] += part * left
         row = product(X, sums.offset_jacobian[g])
-        for i in range(6):
+        for i in range(common):
             state.cross[e, i] += part * row[i]
 
 
-@compiled("state f2 f1", state=BIAS_STATE)
-def centre(state: BiasState, R: Array, t: Array) -> PatchError:
-    """The patches' error as a twist of the camera at (R, t), which is subtracted from the state's vectors in place."""
-    spared = explained_by_offsets(state)
-    known, used_up, column, D = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 1)), np.empty(6)
+@compiled("state", state=BIAS_STATE)
+def known_of(state: BiasState) -> Expected:
+    """What is known with all offsets marginalized, and D by the response."""
+    spared, common = explained_by_offsets(state), len(state.vector)
+    known, used_up, D = np.empty((common, common)), np.empty((6, 6)), np.empty((6, 1 + common - 6))
+    for i in range(common):
+        for j in range(common):
+            known[i, j] = state.information[i, j] - spared.information[i, j]
     for i in range(6):
-        column[i, 0] = state.vector[i] - spared.vector[i]
+        D[i, 0] = state.vector[i] - spared.vector[i]
         for j in range(6):
-            known[i, j] = used_up[i, j] = state.information[i, j] - spared.information[i, j]
-    eliminate(used_up, column)
+            used_up[i, j] = known[i, j]
+        for j in range(6, common):
+            D[i, j - 5] = known[i, j]
+    eliminate(used_up, D)
+    return Expected(D, Known(known, spared.of_kinds))
+
+
+@compiled("state f1 f2 f1", state=BIAS_STATE)
+def centre(state: BiasState, moved: Array, R: Array, t: Array) -> PatchError:
+    """The patches' error as a twist of the camera at (R, t), which is subtracted from the state's vectors in place.
+
+    moved (r,): change of the response by which edges are located, which the state's vectors are relative to.
+    """
+    by_response, known = known_of(state)
+    common, D = np.empty(len(state.vector)), np.empty(6)
+    for k in range(len(moved)):
+        common[6 + k] = moved[k]
     for i in range(6):
-        D[i] = column[i, 0]
-    explained = product(state.information, D)
-    for i in range(6):
+        D[i] = by_response[i, 0]
+        for k in range(len(moved)):
+            D[i] -= by_response[i, 1 + k] * moved[k]
+        common[i] = D[i]
+    explained = product(state.information, common)
+    for i in range(len(common)):
         state.vector[i] -= explained[i]
     for e in range(len(state.offset_vector)):
         if state.offset_information[e] > 0.0:  # few of a large structure's edges were seen
-            for i in range(6):
-                state.offset_vector[e] -= state.cross[e, i] * D[i]
+            for i in range(len(common)):
+                state.offset_vector[e] -= state.cross[e, i] * common[i]
     for k in range(len(state.kind_prior)):
-        for i in range(6):
-            spared.of_kinds.vector[k] -= spared.of_kinds.cross[k, i] * D[i]
-    return PatchError(product(adjoint(R, t), D), Known(known, spared.of_kinds))
+        for i in range(len(common)):
+            known.of_kinds.vector[k] -= known.of_kinds.cross[k, i] * common[i]
+    return PatchError(product(adjoint(R, t), D), known)
 
 
 @compiled("f2 f2")

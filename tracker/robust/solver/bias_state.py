@@ -21,9 +21,10 @@ Indices = NDArray[np.int64]
 class FrameSums(NamedTuple):
     """Normal equations of a frame, before the biases and the prior.
 
-    For each edge in view: offset_weight (g,) sum of weights, offset_jacobian (g, 6) of weight times Jacobian,
-    offset_residual (g,) of weight times residual. Over all control points: edge_information (6, 6), edge_vector (6,);
-    over the patches: patch_information (6, 6), patch_vector (6,).
+    For each edge in view: offset_weight (g,) sum of weights, offset_jacobian (g, 6 + r) of weight times Jacobian for
+    the pose and r numbers of the response, offset_residual (g,) of weight times residual. Over all control points:
+    edge_information (6 + r, 6 + r), edge_vector (6 + r,); over the patches: patch_information (6, 6), patch_vector
+    (6,).
     """
 
     offset_weight: Array
@@ -38,7 +39,7 @@ class FrameSums(NamedTuple):
 class KindSums(NamedTuple):
     """What edges say of the offsets that they share with their kind, their own offsets marginalized.
 
-    information (k,) on each, cross (k, 6) between it and D, and vector (k,).
+    information (k,) on each, cross (k, 6 + r) between it and what is common to all, and vector (k,).
     """
 
     information: Array
@@ -47,12 +48,12 @@ class KindSums(NamedTuple):
 
 
 class BiasState(NamedTuple):
-    """Information on D and on the offsets of all edges (e,).
+    """Information on D and r numbers of the response, common to all edges, and on the offsets of all edges (e,).
 
-    information (6, 6) and vector (6,) on D; cross (e, 6) information between D and an offset; offset_information (e,)
-    and offset_vector (e,) on the offset itself, offset_prior (e,) the prior information on what is its own. kinds (e,)
-    of edges that look alike, -1 of one that looks like no other, and signs (e,) of their normals; kind_prior (k,) the
-    prior information on the offset that a kind shares.
+    information (6 + r, 6 + r) and vector (6 + r,) on what is common; cross (e, 6 + r) between it and an offset;
+    offset_information (e,) and offset_vector (e,) on the offset itself, offset_prior (e,) the prior information on what
+    is its own. kinds (e,) of edges that look alike, -1 of one that looks like no other, and signs (e,) of their
+    normals; kind_prior (k,) the prior information on the offset that a kind shares.
     """
 
     information: Array
@@ -66,11 +67,12 @@ class BiasState(NamedTuple):
     kind_prior: Array
 
     @classmethod
-    def unknown(cls, kinds: EdgeKinds) -> "BiasState":
-        """Unit information on D, and none on the offsets of edges of these kinds."""
-        edges = len(kinds.kinds)
-        offsets = np.zeros((edges, 6)), np.zeros(edges), np.zeros(edges), np.ones(edges)
-        return cls(np.eye(6), np.zeros(6), *offsets, kinds.kinds, kinds.signs, np.ones(kinds.number))
+    def unknown(cls, kinds: EdgeKinds, numbers: int = 0) -> "BiasState":
+        """Unit information on D, none on so many numbers of the response, nor on offsets of edges of these kinds."""
+        edges, common = len(kinds.kinds), 6 + numbers
+        offsets = np.zeros((edges, common)), np.zeros(edges), np.zeros(edges), np.ones(edges)
+        information = np.diag(np.repeat([1.0, 0.0], [6, numbers]))
+        return cls(information, np.zeros(common), *offsets, kinds.kinds, kinds.signs, np.ones(kinds.number))
 
 
 class EdgeOffsets(NamedTuple):
@@ -94,10 +96,11 @@ class ExpectedOffsets(NamedTuple):
 class LocalBiases(NamedTuple):
     """Information on the biases at a linearization point, with D as a twist (6,) of the camera there.
 
-    information (6, 6) and vector (6,) on D, with the offsets of the edges in view and of their kinds not marginalized;
-    cross (g, 6), offset_information (g,) and offset_vector (g,) of those of the edges. kinds (g,) rows of `of_kinds`,
-    -1 for none, and ties (g,) the information between an edge's offset and that of its kind, to which the edge adds the
-    absolute value. of_kinds: what the prior and the edges out of view say. expected: offsets where D is 0.
+    information (6 + r, 6 + r) and vector (6 + r,) on D and the response, with the offsets of the edges in view and of
+    their kinds not marginalized; cross (g, 6 + r), offset_information (g,) and offset_vector (g,) of those of the
+    edges. kinds (g,) rows of `of_kinds`, -1 for none, and ties (g,) the information between an edge's offset and that
+    of its kind, to which the edge adds the absolute value. of_kinds: what the prior and the edges out of view say.
+    expected: offsets where D is 0.
     """
 
     information: Array
@@ -112,7 +115,7 @@ class LocalBiases(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Information (6, 6) on D with all offsets marginalized, and the sums of the kinds."""
+    """Information (6 + r, 6 + r) on D and the response with all offsets marginalized, and the sums of the kinds."""
 
     information: Array
     of_kinds: KindSums

@@ -14,11 +14,13 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     accumulate,
     centre,
     explained_by_offsets,
+    known_of,
     observability,
     prior_offsets,
 )
-from uavbench.tracker.robust.solver.bias_state import BiasesInView, BiasState, EdgeOffsets, FrameSums, Known
+from uavbench.tracker.robust.solver.bias_state import BiasesInView, BiasState, EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
+from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
 from uavbench.trajectories.pose import Array, Pose
 
@@ -29,10 +31,10 @@ NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 class NuisanceBiases:
     """State of the filter: information on the patches' pose error and on the offsets of all edges."""
 
-    def __init__(self, kinds: EdgeKinds, config: BiasConfig) -> None:
-        self.config = config
-        self.state = BiasState.unknown(kinds)
-        self.known = Known(np.eye(6), explained_by_offsets(self.state).of_kinds)
+    def __init__(self, kinds: EdgeKinds, config: BiasConfig, numbers: int = 0) -> None:
+        self.config, self.nothing = config, BiasState.unknown(kinds, numbers + 1)
+        self.state = BiasState.unknown(kinds, numbers)
+        self.known, self.known_of_nothing = known_of(self.state).known, known_of(self.nothing).known
 
     def offsets(self, rows: Indices, variance_px2: Array, shared_part: float) -> EdgeOffsets:
         """Offsets of edges in view, rows (g,) of the state, with prior variances (g,).
@@ -45,20 +47,31 @@ class NuisanceBiases:
         """The biases with these edges in view."""
         return BiasesInView(self.state, self.known, edges)
 
-    def begin(self, edges: EdgeOffsets, sums: FrameSums, to_fit: Array, prior: Array, pose: Pose) -> None:
+    def before(self, edges: EdgeOffsets) -> BiasesInView:
+        """The biases with these edges in view before any frame, with an offset that all share as one number more."""
+        return BiasesInView(self.nothing, self.known_of_nothing, edges)
+
+    def begin(self, edges: EdgeOffsets, sums: FrameSums, step: Step, prior: Array, pose: Pose) -> None:
         """Reset for patches created at a pose, from the sums of that frame and the information (6, 6) of a prior.
 
-        to_fit (6,) is the twist from the linearization point of the sums to that pose.
+        step: from the linearization point of the sums to that pose, and to the response by which it is that pose.
         """
         R, t = pose.rotation, pose.translation
         state = self.state
         for array in (state.cross, state.offset_information, state.offset_vector, state.information, state.vector):
             array[:] = 0.0
-        accumulate(state, edges, sums, to_fit, R, t, 1.0)
-        state.information[:] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
+        accumulate(state, edges, sums, step.to_fit, R, t, 1.0)
+        state.information[:6, :6] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
         spared = explained_by_offsets(state)
-        state.vector[:] = spared.vector
-        self.known = Known(state.information - spared.information, spared.of_kinds)
+        state.vector[:] = spared.vector + (state.information - spared.information)[:, 6:] @ step.to_response
+        self.known = known_of(state).known
+
+    def forget(self) -> None:
+        """Forget all frames."""
+        for array in (self.state.cross, self.state.offset_information, self.state.offset_vector, self.state.vector):
+            array[:] = 0.0
+        self.state.information[:] = np.diag(np.repeat([1.0, 0.0], [6, len(self.state.vector) - 6]))
+        self.known = known_of(self.state).known
 
     def learn(self, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, pose: Pose, dt_s: float) -> Array:
         """Add a frame's sums, dt_s after the previous frame, and return the patches' error as a twist (6,).
@@ -69,8 +82,12 @@ class NuisanceBiases:
         new = min(1.0, dt_s / self.config.correlation_s)
         for array in (state.information, state.vector, state.cross, state.offset_information, state.offset_vector):
             array *= 1.0 - self.config.forgotten_part * new
-        part = new * observability(sums.edge_information, sums.patch_information)
+        part = new * observability(np.ascontiguousarray(sums.edge_information[:6, :6]), sums.patch_information)
         accumulate(state, edges, sums, to_patches, R, t, part)
-        error = centre(state, R, t)
+        return self.follow(np.zeros(len(state.vector) - 6), pose)
+
+    def follow(self, moved: Array, pose: Pose) -> Array:
+        """Follow a change (r,) of the response by which edges are located; the patches' error as a twist (6,)."""
+        error = centre(self.state, moved, pose.rotation, pose.translation)
         self.known = error.known
         return error.twist

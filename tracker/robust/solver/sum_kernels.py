@@ -12,6 +12,7 @@ from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import EdgeMeasurements
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
+from uavbench.tracker.robust.solver.response_state import KnownResponse
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import project
@@ -35,8 +36,8 @@ class Weighting(NamedTuple):
 
 @inlined
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
-    """Add the equation row (6,) . x = d of weight w to the normal equations A (6, 6), its lower half, and b (6,)."""
-    for i in range(6):
+    """Add the equation row (n,) . x = d of weight w to the normal equations A (n, n), its lower half, and b (n,)."""
+    for i in range(len(b)):
         wi = w * row[i]
         b[i] += wi * d
         for j in range(i + 1):
@@ -45,8 +46,8 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
 
 @compiled("f2!", inner=True)
 def mirror(A: Array) -> None:
-    """Copy the lower half of a matrix (6, 6) to the upper one."""
-    for i in range(6):
+    """Copy the lower half of a matrix (n, n) to the upper one."""
+    for i in range(len(A)):
         for j in range(i):
             A[j, i] = A[i, j]
 
@@ -55,6 +56,7 @@ def mirror(A: Array) -> None:
 def add_points(
     measured: EdgeMeasurements,
     biases: LocalBiases,
+    response: KnownResponse,
     view: View,
     width_px: float,
     weighting: Weighting,
@@ -63,7 +65,7 @@ def add_points(
     """Weigh the control points at the view's pose by the biweight, and sum them up, in place.
 
     Its cutoff is width_px; for points located by a single candidate it is EFFICIENT standard deviations of their
-    distance from the offset that their edge is known to have, if that is less.
+    distance from the offset that their edge and the response are known to have, if that is less.
     """
     points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
     distance = measured.candidates.distance
@@ -75,10 +77,10 @@ def add_points(
         matrix[:] = 0.0
     for column in (S, d, e):
         column[:] = 0.0
-    row, c = np.empty(6), np.empty(3)
+    by, numbers = measured.by_response, len(response.mean)
+    row, c = np.empty(6 + numbers), np.empty(3)
     located = distance.shape[1] == 1
     for g in range(len(first) - 1):
-        expected = biases.expected.px[g] if located else 0.0
         for p in range(first[g], first[g + 1]):
             weights[p], residual[p] = 0.0, np.inf
             if weight[p] <= 0.0:
@@ -92,8 +94,13 @@ def add_points(
             moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
             best, r_best = np.inf, np.inf
             square_px2 = width_px * width_px
+            expected = 0.0
             if located:
-                square_px2 = min(square_px2, EFFICIENT**2 * (variance_px2[p] + biases.expected.variance_px2[g]))
+                expected, variance = biases.expected.px[g], variance_px2[p] + biases.expected.variance_px2[g]
+                for i in range(numbers):
+                    for j in range(numbers):
+                        variance += by[p, i] * response.covariance[i, j] * by[p, j]
+                square_px2 = min(square_px2, EFFICIENT**2 * variance)
             for candidate in range(distance.shape[1]):
                 r = distance[p, candidate] - moved
                 cost = (r - expected) ** 2 / square_px2
@@ -103,11 +110,13 @@ def add_points(
             if best < 1.0:
                 weights[p] = weight[p] * (1.0 - best) * (1.0 - best)
                 normal_row(c[0], c[1], c[2], nu, nv, lens, row)
+                for i in range(numbers):
+                    row[6 + i] = by[p, i]
                 w = weights[p] / variance_px2[p]
                 add_row(E, e, row, r_best, w)
                 S[g] += w
                 d[g] += w * r_best
-                for i in range(6):
+                for i in range(6 + numbers):
                     s[g, i] += w * row[i]
     mirror(E)
 

@@ -42,14 +42,14 @@ def transposed(X: Array) -> Array:
 
 @compiled("f2 f2")
 def congruence(X: Array, C: Array) -> Array:
-    """X C X^T of matrices (6, 6)."""
-    half, out = np.zeros((6, 6)), np.zeros((6, 6))
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
+    """X C X^T of matrices (n, n)."""
+    n, half, out = len(X), np.zeros(X.shape), np.zeros(X.shape)
+    for i in range(n):
+        for j in range(n):
+            for h in range(n):
                 half[i, j] += X[i, h] * C[h, j]
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
+    for i in range(n):
+        for j in range(n):
+            for h in range(n):
                 out[i, j] += half[i, h] * X[j, h]
     return out
