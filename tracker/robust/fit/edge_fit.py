@@ -29,7 +29,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
 )
 from uavbench.tracker.robust.fit.false_alarms import Chance, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
-from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory, Seen, learn_edges, learn_patches
+from uavbench.tracker.robust.fit.learning import MIN_POINTS, TAKE_EVERY, Memory, Seen, learn_edges, learn_patches
 from uavbench.tracker.robust.fit.pose_fit import (
     NO_MATCHES,
     NO_MEASUREMENTS,
@@ -82,6 +82,7 @@ class EdgeFitter:
         self.forget_patches()
         self.biases = NuisanceBiases(self.kinds, self.config.solver.bias, NUMBERS)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
+        self.unasked_s = 0.0
         self.response = Response(self.camera, self.config.solver.bias)
         self.learned = 0
 
@@ -362,12 +363,14 @@ class EdgeFitter:
 
     def learn_response(self, used: FitResiduals, pose: Pose, dt_s: float) -> None:
         """Update the response with what the edges of a fit at a pose say of it; the biases are relative to it."""
-        if used.steps.any():
+        self.unasked_s += dt_s
+        if used.steps.any() and self.learned % TAKE_EVERY == 2:  # limits the time; no edge is located in the first
             variance_px2 = float(np.mean(used.edges.variance_px2 + used.edges.kind_px2))
             shared_px2, view = self.config.edges.weights.shared_part * variance_px2, self.view.at(pose)
             prior = PosePrior(used.prior_information, view.R, view.t, self.response.known)
             before = self.biases.before(used.edges)
-            self.response.learn(response_seen(used.sums, before, prior, view, shared_px2), dt_s)
+            self.response.learn(response_seen(used.sums, before, prior, view, shared_px2), self.unasked_s)
+            self.unasked_s = 0.0
         moved = self.response.locate()
         if not len(self.texture):
             self.biases.forget()  # the offsets of edges are relative to patches
