@@ -358,11 +358,16 @@ class EdgeFitter:
         excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance_of_told, self.values)
         self.blur.learn(excess_px2, self.values.appearance.learning_rate)
         self.learned += 1
+        used = fit.residuals
+        faces = self.texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
         learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
-        self.learn_response(fit.residuals, fit.cam_from_world, dt_s)
+        self.learn_response(used, faces, fit.cam_from_world, dt_s)
 
-    def learn_response(self, used: FitResiduals, pose: Pose, dt_s: float) -> None:
-        """Update the response with what the edges of a fit at a pose say of it; the biases are relative to it."""
+    def learn_response(self, used: FitResiduals, faces: Indices, pose: Pose, dt_s: float) -> None:
+        """Update the response with what the edges of a fit at a pose say of it; the biases are relative to it.
+
+        faces: of the patches that were found, before some of them were given up.
+        """
         self.unasked_s += dt_s
         if used.steps.any() and self.learned % TAKE_EVERY == 2:  # limits the time; no edge is located in the first
             variance_px2 = float(np.mean(used.edges.variance_px2 + used.edges.kind_px2))
@@ -374,10 +379,9 @@ class EdgeFitter:
         moved = self.response.locate()
         if not len(self.texture):
             self.biases.forget()  # the offsets of edges are relative to patches
-        elif moved.any() or not (used.weighting.patch_weight > 0).any():  # then all patches are new
-            faces = self.texture.patches.face[: len(self.texture)]
-            seen = faces[used.chosen[used.weighting.patch_weight > 0]]
-            self.texture.shift(seen if len(seen) else faces, self.biases.follow(moved, pose), pose)
+        elif moved.any() or not len(faces):  # then all patches are new
+            of_all = self.texture.patches.face[: len(self.texture)]
+            self.texture.shift(faces if len(faces) else of_all, self.biases.follow(moved, pose), pose)
 
 
 def unlocated(searched: Searched) -> Located:
