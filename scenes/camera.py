@@ -29,8 +29,8 @@ WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
 LEAST_ROUND_TRIP_PX = 0.5
 """Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
-RESPONSES = ("srgb", "linear")
-"""Responses that have a name: codes by IEC 61966-2-1, and in proportion to light."""
+RESPONSES = ("srgb", "linear", "unknown")
+"""Responses that have a name: codes by IEC 61966-2-1, in proportion to light, and to be found by who uses them."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Camera:
     distortion_model: `none`; `radtan` with k1 k2 p1 p2 [k3] (Brown-Conrady, OpenCV order);
     `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
     bits: of a sample, where image files have 16 and do not say how many of them count; 0: as the files say.
-    response: `srgb` (IEC 61966-2-1), `linear`, or the exponent by which codes in 0..1 become light.
+    response: `srgb` (IEC 61966-2-1), `linear`, `unknown`, or the exponent by which codes in 0..1 become light.
     Raises ValueError naming the field that is out of range.
 
     >>> import numpy as np

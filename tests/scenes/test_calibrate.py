@@ -89,7 +89,7 @@ def test_mixed_sizes_and_missing_files_are_told(tmp_path: Path) -> None:
         ("distortion", "5", "distortion = 5: must be a list of numbers"),
         ("distortion", '"12"', "distortion = '12': must be a list of numbers"),
         ("distortion", "[[0, 1, 2, 3]]", "distortion = .*: must be a list of numbers"),
-        ("response", '"log"', "response = 'log': must be one of srgb, linear, or the positive exponent"),
+        ("response", '"log"', "response = 'log': must be one of srgb, linear, unknown, or the positive exponent"),
         ("response", "0", "response = 0: must be one of srgb"),
         ("response", "-2.2", "response = -2.2: must be one of srgb"),
         ("response", "nan", "response = nan: must be one of srgb"),
@@ -105,9 +105,9 @@ def test_a_camera_file_names_the_key_that_is_no_number(tmp_path: Path, key: str,
         Camera.load(path)
 
 
-@pytest.mark.parametrize("response", ["srgb", "linear", 2.2, 2])
+@pytest.mark.parametrize("response", ["srgb", "linear", "unknown", 2.2, 2])
 def test_a_camera_file_says_its_response_unless_it_is_srgb(tmp_path: Path, response: str | float) -> None:
-    camera = Camera(64, 48, 50.0, 50.0, 31.5, 23.5, "radtan", (0.0, 0.0, 0.0, 0.0), response)
+    camera = Camera(64, 48, 50.0, 50.0, 31.5, 23.5, "radtan", (0.0, 0.0, 0.0, 0.0), response=response)
     camera.save(tmp_path / "camera.toml")
     assert Camera.load(tmp_path / "camera.toml") == camera
     assert camera.without_distortion.response == response

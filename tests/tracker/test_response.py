@@ -1,4 +1,6 @@
-"""A camera of another response than it was told to have: edges are displaced, and robust knows it or learns it."""
+"""A camera of an unknown response: edges are displaced, and robust knows it or learns it."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.simulation.flight import FlightSpec
 
+UNKNOWN = replace(CAMERA, response="unknown")
 STEP_NS, FRAMES = 66_666_667, 60
 PLAIN = SequenceSpec(
     name="plain",
@@ -58,7 +61,8 @@ def flight(tmp_path_factory):
 def errors(flight, response):
     """Error in mm and NEES per degree of freedom of each frame but the first ten, in the codes of a response."""
     codes = np.rint(255 * RESPONSES[response]).astype(np.uint8)
-    run = Robust().start(flight.structure, flight.camera, flight[0].cam_from_world, np.random.default_rng(1))
+    camera = replace(flight.camera, response="unknown")
+    run = Robust().start(flight.structure, camera, flight[0].cam_from_world, np.random.default_rng(1))
     found = []
     for k in range(FRAMES):
         result, true = run.track(codes[flight.image(k)], k * STEP_NS), flight[k].cam_from_world
@@ -83,7 +87,11 @@ def test_a_plain_box_is_tracked_in_codes_of_any_response_and_its_covariance_is_t
 @pytest.mark.parametrize("number", range(NUMBERS))
 def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
     image, lines = strip(1.5, 0.2, 20) if crowded else edge(0.2, 20)
-    state, row, colour = Response(Camera(SIZE, SIZE, 40, 40, 20, 20), BiasConfig()), np.zeros(8), np.empty(3)
+    state, row, colour = (
+        Response(Camera(SIZE, SIZE, 40, 40, 20, 20, response="unknown"), BiasConfig()),
+        np.zeros(8),
+        np.empty(3),
+    )
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
 
     def found(value):
@@ -99,13 +107,13 @@ def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
 
 
 def test_the_light_follows_what_is_known_of_the_response():
-    state = Response(CAMERA, BiasConfig())
+    state = Response(UNKNOWN, BiasConfig())
     assert state.another == pytest.approx(IS_ANOTHER)
     np.testing.assert_allclose(state.light[0], srgb_light(CODES), atol=1e-6)
     sure = 1e4 * np.eye(NUMBERS)
     for _ in range(15):
         state.learn(ResponseSeen(sure, np.zeros(NUMBERS)), 0.1)
-    assert state.another < 1e-4 and not state.locate().any()
+    assert state.another < 1e-3 and not state.locate().any()  # of even odds; sure is 2e-4 of the prior deviation
     assert np.sqrt(np.diagonal(state.covariance)).max() < 1e-3
     for _ in range(60):
         state.learn(ResponseSeen(sure, sure @ (np.array([-0.8, 0.1]) - state.at)), 0.1)
@@ -120,7 +128,7 @@ def test_the_light_follows_what_is_known_of_the_response():
 
 @pytest.mark.parametrize("numbers", [(-1.5, 2.0), (1.5, -2.0), (0.4, 0.9), (-0.8, -0.9)])
 def test_more_code_is_more_light_by_any_response(numbers):
-    light = Response(CAMERA, BiasConfig()).light_at(np.array(numbers))
+    light = Response(UNKNOWN, BiasConfig()).light_at(np.array(numbers))
     assert (np.diff(light) >= 0).all() and (light[0], light[-1]) == pytest.approx((0.0, 1.0))
 
 

@@ -41,7 +41,7 @@ from uavbench.tracker.robust.fit.pose_fit import (
     Searched,
     Solution,
 )
-from uavbench.tracker.robust.fit.response import NUMBERS, Response
+from uavbench.tracker.robust.fit.response import Response
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
@@ -80,10 +80,10 @@ class EdgeFitter:
     def forget(self) -> None:
         """Forget the appearance of the edges, the patches and the biases."""
         self.forget_patches()
-        self.biases = NuisanceBiases(self.kinds, self.config.solver.bias, NUMBERS)
+        self.response = Response(self.camera, self.config.solver.bias)
+        self.biases = NuisanceBiases(self.kinds, self.config.solver.bias, self.response.numbers)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.unasked_s = 0.0
-        self.response = Response(self.camera, self.config.solver.bias)
         self.learned = 0
 
     def forget_patches(self) -> None:
@@ -137,7 +137,7 @@ class EdgeFitter:
         found = self.search(image, predicted, covariance, clock, half_px)
         if isinstance(found, Fit):
             return found
-        at = self.locate(found, clock) if self.sharp else unlocated(found)
+        at = self.locate(found, clock) if self.sharp else unlocated(found, self.response.numbers)
         with clock.stage("support"):
             return self.judge(found, at)
 
@@ -149,7 +149,7 @@ class EdgeFitter:
         if isinstance(found, Fit):
             return found
         with clock.stage("support"):
-            return self.judge(found, unlocated(found))
+            return self.judge(found, unlocated(found, self.response.numbers))
 
     def located(self, fit: Fit, clock: StageClock) -> Fit:
         """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
@@ -319,7 +319,7 @@ class EdgeFitter:
         points = problem.points
         found = search(problem.image, lines, points.rows, self.appearance, half_px, self.weak_step, self.values.search)
         variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
-        none = np.zeros((len(variance_px2), NUMBERS))  # known to a fraction of the error of a search
+        none = np.zeros((len(variance_px2), self.response.numbers))  # known to a fraction of the error of a search
         return EdgeMeasurements(points, lines, found, problem.weight, variance_px2, none)
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
@@ -361,10 +361,11 @@ class EdgeFitter:
         used = fit.residuals
         faces = self.texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
         learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
-        self.learn_response(used, faces, fit.cam_from_world, dt_s)
+        if self.response.numbers:
+            self.learn_response(used, faces, fit.cam_from_world, dt_s)
 
     def learn_response(self, used: FitResiduals, faces: Indices, pose: Pose, dt_s: float) -> None:
-        """Update the response with what the edges of a fit at a pose say of it; the biases are relative to it.
+        """Update an unknown response with what the edges of a fit at a pose say; the biases are relative to it.
 
         faces: of the patches that were found, before some of them were given up.
         """
@@ -384,10 +385,10 @@ class EdgeFitter:
             self.texture.shift(faces if len(faces) else of_all, self.biases.follow(moved, pose), pose)
 
 
-def unlocated(searched: Searched) -> Located:
-    """The estimate from the matches of a search, which locates no edge between the pixels."""
+def unlocated(searched: Searched, numbers: int) -> Located:
+    """The estimate from the matches of a search, which locates no edge between the pixels; numbers: of the response."""
     n = len(searched.problem.points.points)
-    return Located(searched.found.estimate, np.zeros(n, dtype=np.int64), np.zeros((n, NUMBERS)))
+    return Located(searched.found.estimate, np.zeros(n, dtype=np.int64), np.zeros((n, numbers)))
 
 
 def layered(image: Image) -> Image:

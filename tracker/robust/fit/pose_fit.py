@@ -12,7 +12,6 @@ from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.fit.false_alarms import Chance
-from uavbench.tracker.robust.fit.response import NUMBERS
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step
@@ -28,7 +27,7 @@ NO_MEASUREMENTS = EdgeMeasurements(
     Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
     np.zeros(0),
     np.zeros(0),
-    np.zeros((0, NUMBERS)),
+    np.zeros((0, 0)),
 )
 NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
