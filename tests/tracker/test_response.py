@@ -22,7 +22,8 @@ from uavbench.tracker.robust.fit.response import CODES, IS_ANOTHER, NUMBERS, SIG
 from uavbench.tracker.robust.solver.bias_kernels import linearize
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
-from uavbench.tracker.robust.solver.solve_kernels import ResponseSeen, Step
+from uavbench.tracker.robust.solver.response_kernels import ResponseSeen
+from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.camera_mount import Mount

@@ -9,9 +9,10 @@ from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
+from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
 from uavbench.tracker.robust.solver.response_state import KnownResponse
-from uavbench.tracker.robust.solver.solve_kernels import PosePrior, refine
+from uavbench.tracker.robust.solver.solve_kernels import refine
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Pose
 

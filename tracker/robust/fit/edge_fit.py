@@ -46,9 +46,11 @@ from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
+from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
-from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, refine, response_seen
+from uavbench.tracker.robust.solver.response_kernels import response_seen
+from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
 from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations

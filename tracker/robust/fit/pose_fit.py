@@ -14,7 +14,8 @@ from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
-from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step
+from uavbench.tracker.robust.solver.equation_kernels import PosePrior
+from uavbench.tracker.robust.solver.solve_kernels import Estimate, Step
 from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose

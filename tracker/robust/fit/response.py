@@ -11,8 +11,8 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config.solver import BiasConfig
+from uavbench.tracker.robust.solver.response_kernels import ResponseSeen
 from uavbench.tracker.robust.solver.response_state import KnownResponse
-from uavbench.tracker.robust.solver.solve_kernels import ResponseSeen
 from uavbench.trajectories.pose import Array
 
 CODES = np.arange(256) / 255
