@@ -29,7 +29,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
 )
 from uavbench.tracker.robust.fit.false_alarms import Chance, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
-from uavbench.tracker.robust.fit.learning import MIN_POINTS, TAKE_EVERY, Memory, Seen, learn_edges, learn_patches
+from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory, Seen, learn_edges, learn_patches, learn_response
 from uavbench.tracker.robust.fit.pose_fit import (
     NO_MATCHES,
     NO_MEASUREMENTS,
@@ -49,7 +49,6 @@ from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
-from uavbench.tracker.robust.solver.response_kernels import response_seen
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
 from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.tracker.robust.view import View
@@ -85,7 +84,6 @@ class EdgeFitter:
         self.response = Response(self.camera, self.config.solver.bias)
         self.biases = NuisanceBiases(self.kinds, self.config.solver.bias, self.response.numbers)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
-        self.unasked_s = 0.0
         self.learned = 0
 
     def forget_patches(self) -> None:
@@ -364,27 +362,8 @@ class EdgeFitter:
         faces = self.texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
         learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
         if self.response.numbers:
-            self.learn_response(used, faces, fit.cam_from_world, dt_s)
-
-    def learn_response(self, used: FitResiduals, faces: Indices, pose: Pose, dt_s: float) -> None:
-        """Update an unknown response with what the edges of a fit at a pose say; the biases are relative to it.
-
-        faces: of the patches that were found, before some of them were given up.
-        """
-        self.unasked_s += dt_s
-        if used.steps.any() and self.learned % TAKE_EVERY == 2:  # limits the time; no edge is located in the first
-            variance_px2 = float(np.mean(used.edges.variance_px2 + used.edges.kind_px2))
-            shared_px2, view = self.config.edges.weights.shared_part * variance_px2, self.view.at(pose)
-            prior = PosePrior(used.prior_information, view.R, view.t, self.response.known)
-            before = self.biases.before(used.edges)
-            self.response.learn(response_seen(used.sums, before, prior, view, shared_px2), self.unasked_s)
-            self.unasked_s = 0.0
-        moved = self.response.locate()
-        if not len(self.texture):
-            self.biases.forget()  # the offsets of edges are relative to patches
-        elif moved.any() or not len(faces):  # then all patches are new
-            of_all = self.texture.patches.face[: len(self.texture)]
-            self.texture.shift(faces if len(faces) else of_all, self.biases.follow(moved, pose), pose)
+            at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
+            learn_response(self.response, self.memory, used, faces, at, dt_s, shared_part)
 
 
 def unlocated(searched: Searched, numbers: int) -> Located:

@@ -1,6 +1,9 @@
-"""What is learned from a fit: the looks and distances of edges, the blur, the biases, and patches."""
+"""What is learned from a fit: the looks and distances of edges, the biases, patches, and the camera's response."""
 
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.appearance_kernels import LookedAt, Nearness, learn_appearance
@@ -9,10 +12,15 @@ from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.step_kernels import Optics
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals
+from uavbench.tracker.robust.fit.response import Response
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
+from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
-from uavbench.trajectories.pose import Array
+from uavbench.tracker.robust.solver.response_kernels import response_seen
+from uavbench.tracker.robust.view import View
+from uavbench.trajectories.pose import Array, Pose
 
+Indices = NDArray[np.int64]
 MIN_POINTS = 6
 """Least number of control points or patches for a fit, and of patches that make a wide search of edges unnecessary:
 these give two equations each, and thus twice as many as a pose has unknowns."""
@@ -66,3 +74,31 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, dt_s: float, good_suppor
         if not hits:
             biases.begin(used.edges, used.sums, used.step, used.prior_information, pose)
         texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
+
+
+def learn_response(
+    response: Response,
+    memory: Memory,
+    used: FitResiduals,
+    faces: Indices,
+    at: View,
+    dt_s: float,
+    shared_part: float,
+) -> None:
+    """Update an unknown response with what the edges of a fit at a view say of it; the biases are relative to it.
+
+    faces: of the patches that were found, before some of them were given up.
+    """
+    texture, biases, _, frames = memory
+    response.unasked_s += dt_s
+    if used.steps.any() and frames % TAKE_EVERY == 2:  # limits the time; no edge is located in the first
+        shared_px2 = shared_part * float(np.mean(used.edges.variance_px2 + used.edges.kind_px2))
+        prior = PosePrior(used.prior_information, at.R, at.t, response.known)
+        response.learn(response_seen(used.sums, biases.before(used.edges), prior, at, shared_px2), response.unasked_s)
+        response.unasked_s = 0.0
+    moved, pose = response.locate(), Pose(at.R, at.t)
+    if not len(texture):
+        biases.forget()  # the offsets of edges are relative to patches
+    elif moved.any() or not len(faces):  # then all patches are new
+        of_all = texture.patches.face[: len(texture)]
+        texture.shift(faces if len(faces) else of_all, biases.follow(moved, pose), pose)

@@ -32,7 +32,8 @@ MOST_CURVE = 0.95
 
 
 class Response:
-    """State: what the frames say of the numbers of the response, information (r, r) and vector (r,).
+    """State: what the frames say of the numbers of the response, information (r, r) and vector (r,), and since when
+    none was asked, unasked_s.
 
     An unknown response is sRGB, or its numbers are normal: a spike and a slab (Mitchell & Beauchamp 1988). One that was
     told has no numbers.
@@ -44,6 +45,7 @@ class Response:
         self.information, self.vector = np.zeros((n, n)), np.zeros(n)
         self.at, self.light = np.full(n, np.inf), np.tile(self.told, (1 + n, 1))
         self.mean, self.covariance, self.another = np.zeros(n), np.zeros((n, n)), 0.0
+        self.unasked_s = 0.0
         if n:
             self.estimate()
             self.locate()
