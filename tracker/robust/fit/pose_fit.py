@@ -139,7 +139,7 @@ class Fit:
     @property
     def covariance_of_told(self) -> Array:
         """Covariance (6, 6) of the pose if the response was known."""
-        if self.residuals is None:
+        if self.residuals is None or not len(self.residuals.step.to_response):
             return self.covariance
         step = self.residuals.step
         return inverse6(step.told + (inverse6(self.covariance) - step.information))
