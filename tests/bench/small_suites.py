@@ -41,6 +41,23 @@ init_file = "init.toml"
 """
 
 
+OWN_IMAGES = """
+title = "Our own images"
+rates_hz = [15.0]
+[recordings.own]
+rate_hz = 15.0
+[recordings.own.source]
+kind = "files"
+images_path = "frames"
+model_file = "model.obj"
+camera_file = "camera.toml"
+init_file = "init.toml"
+[trackers]
+hold = { kind = "hold" }
+"""
+"""A suite of the files that `own_images` writes, beside it."""
+
+
 def own_images(folder):
     """The bundled trial's images, model and camera as a user has them, with an initial pose."""
     shutil.copytree(TRIAL / "frames", folder / "frames")

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.bench.small_suites import own_images
+from tests.bench.small_suites import OWN_IMAGES, own_images
 from tests.bench.test_end_to_end import uavbench
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from uavbench.bench.config.suite import load_suite
@@ -23,21 +23,7 @@ from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose, rotation_log
 
-SUITE = """
-title = "Our own images"
-rates_hz = [15.0]
-[recordings.own]
-rate_hz = 15.0
-[recordings.own.source]
-kind = "files"
-images_path = "frames"
-model_file = "model.obj"
-camera_file = "camera.toml"
-init_file = "init.toml"
-[trackers]
-hold = { kind = "hold" }
-lsd = { kind = "lsd" }
-"""
+SUITE = OWN_IMAGES + 'lsd = { kind = "lsd" }\n'
 
 
 @pytest.fixture(scope="module")

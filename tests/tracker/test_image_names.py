@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from tests.bench.small_suites import own_images
+from tests.bench.small_suites import OWN_IMAGES, own_images
 from uavbench.bench.cli.main import main
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
 from uavbench.trajectories.errors import UserError
@@ -62,27 +62,11 @@ def test_two_files_of_one_image_are_refused():
         refuse_twins(named("1.jpg", "1.png"))
 
 
-SUITE = """
-title = "gap"
-rates_hz = [15.0]
-[recordings.mine]
-rate_hz = 15.0
-[recordings.mine.source]
-kind = "files"
-images_path = "frames"
-model_file = "model.obj"
-camera_file = "camera.toml"
-init_file = "init.toml"
-[trackers]
-hold = { kind = "hold" }
-"""
-
-
 def test_a_missing_image_is_told_by_both_commands(tmp_path):
     own_images(tmp_path)
     frames = sorted((tmp_path / "frames").iterdir())
     frames[1].unlink()
-    (tmp_path / "suite.toml").write_text(SUITE)
+    (tmp_path / "suite.toml").write_text(OWN_IMAGES)
     words = {
         "track": [
             "hold",
