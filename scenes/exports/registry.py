@@ -173,8 +173,8 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
 
 
 def pinhole_only(camera: Camera) -> bool:
-    """Whether a camera is a pinhole without distortion."""
-    return not any(camera.distortion)
+    """Whether a camera is a pinhole without distortion; an equidistant fisheye without coefficients is none."""
+    return camera.distortion_model != "equidistant" and not any(camera.distortion)
 
 
 EXPORTS: dict[str, Format] = {

@@ -419,6 +419,17 @@ def test_a_video_without_distortion_shows_the_images_of_the_pinhole(sequence: Se
     assert "the images, undistorted" in (tmp_path / "out" / "README.md").read_text()
 
 
+@pytest.mark.parametrize("format", ["tum", "kitti", "bop"])
+def test_a_fisheye_is_no_pinhole_where_all_its_coefficients_are_zero(
+    sequence: Sequence, tmp_path: Path, format: str
+) -> None:
+    fisheye = replace(sequence, camera=replace(PINHOLE, distortion_model="equidistant", distortion=(0.0,) * 4))
+    with pytest.raises(UserError, match=r"equidistant .*add --undistort"):
+        export(fisheye, format, tmp_path / format)
+    radtan = replace(sequence, camera=replace(PINHOLE, distortion_model="radtan", distortion=(0.0,) * 4))
+    export(radtan, format, tmp_path / format)
+
+
 def test_the_command_knows_every_format() -> None:
     assert list(EXPORTS) == NAMED
 
