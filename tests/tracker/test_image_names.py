@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from tests.bench.small_suites import OWN_IMAGES, own_images
 from uavbench.bench.cli.main import main
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
+from uavbench.tracker.images.track_images import in_order
 from uavbench.trajectories.errors import UserError
 
 FLIGHT = Path("flight")
@@ -29,6 +30,11 @@ def named(*names):
         ["1_01.png", "2_02.png", "9_03.png"],
         [f"{1403636579000000000 + round(k * 1e9 / 15)}.png" for k in range(5)],
         [f"{1403636579000 + round(k * 1e3 / 15)}.png" for k in range(5)],
+        [f"{1305031102.8 + k / 15:.6f}.png" for k in range(5)],
+        [f"rgb_{k / 15:.9f}.png" for k in range(20)],
+        [f"{k / 15:.3f}.png" for k in range(20)],
+        ["2.0007.png", "2.0008.png", "3.0001.png", "3.0002.png"],
+        ["1.8.png", "1.9.png", "1.10.png", "1.11.png"],
     ],
 )
 def test_names_without_gaps_leave_no_doubt(names):
@@ -47,6 +53,11 @@ def test_names_without_gaps_leave_no_doubt(names):
             ["1403636579000000000.png", "1403636579050000000.png"],
             "look like times .* taken 1 / 15 s apart; correct",
         ),
+        *(
+            ([form.format(1305031102.8 + k / 30) for k in range(9)], "look like times .* taken 1 / 15 s apart; correct")
+            for form in ("{:.6f}.png", "cam0.{:.6f}.png", "{:.3f}.png", "{}.png")
+        ),
+        ([f"{k / 30:.3f}.png" for k in range(40)], "look like times .* taken 1 / 15 s apart; correct"),
         (["left1.png", "left2.png", "right1.png"], "right1.png follows left2.png: if these are of different cameras"),
     ],
 )
@@ -54,6 +65,22 @@ def test_a_doubt_says_where_and_what_to_do(names, message):
     (found,) = doubts_of_names(named(*names), 15.0)
     with pytest.raises(UserError, match=message):
         raise UserError(found)
+
+
+@pytest.mark.parametrize("first_s", [0.0, 1305031102.0])
+@pytest.mark.parametrize("prefix", ["", "cam0.", "rgb_2_"])
+def test_images_named_by_seconds_are_in_the_order_of_time(tmp_path, prefix, first_s):
+    names = [f"{prefix}{round(first_s + k / 15, 6)}.png" for k in range(40)]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names
+
+
+def test_images_of_takes_are_in_the_order_of_their_counts(tmp_path):
+    names = [f"{take}.{image}.png" for take in (1, 2, 10) for image in range(1, 12)]
+    for name in sorted(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names
 
 
 def test_two_files_of_one_image_are_refused():

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,13 +15,37 @@ STAMP_DIGITS = 12
 """Digits of a number from which on it is a time in ms, us or ns since 1970, and no count of images."""
 UNITS = (1e3, 1e6, 1e9)
 """Steps of such numbers in a second."""
+SECONDS = re.compile(r"(?:.*[^0-9])?([0-9]+)\.([0-9]+)")
+"""Name that ends in a number with decimals, or in two numbers, as of a take and its images."""
+EPOCH_DIGITS, MOST_COUNTED_DIGITS = 10, 8
+"""Digits of whole seconds since 1970 from 2001 on; of the largest count of images behind a point."""
 JITTER, DRIFT = 0.1, 0.01
 """Shares by which one step of these times, and their mean, may differ from the rate's: whole ms at 60 Hz are 6 %."""
 
 
-def by_numbers(name: str) -> list[str | int]:
-    """Texts and numbers of a name, in turn: a text first, which may be empty."""
-    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r"([0-9]+)", name))]
+def by_numbers(name: str, seconds: bool = False) -> list[str | Decimal]:
+    """Texts and numbers of a name, in turn: a text first, which may be empty; seconds: the last one has decimals."""
+    decimals = r"[0-9]+\.[0-9]+(?![0-9]|\.[0-9])|" if seconds else ""
+    parts = re.split(f"({decimals}[0-9]+)", name)
+    return [Decimal(part) if place % 2 else part for place, part in enumerate(parts)]
+
+
+def in_seconds(images: Sequence[Path]) -> bool:
+    """Whether the names end in seconds with decimals, as in TUM RGB-D: `0.2` comes after `0.133333` then.
+
+    Two counts, as of takes and their images, are no such: counts are as wide as each other, or have no zeros in front.
+    """
+    found = [SECONDS.fullmatch(path.stem) for path in images]
+    pairs = [(each[1], each[2]) for each in found if each]
+    if not pairs or len(pairs) < len(found):
+        return False
+    if any(len(whole) >= EPOCH_DIGITS or len(part) > MOST_COUNTED_DIGITS for whole, part in pairs):
+        return True
+    if len({len(part) for _, part in pairs}) > 1:
+        return any(part.startswith("0") and len(part) > 1 for _, part in pairs)
+    counts = sorted((int(whole), int(part)) for whole, part in pairs)
+    steps = {after[1] - before[1] for before, after in pairwise(counts) if after[0] == before[0]}
+    return counts[0][0] != counts[-1][0] and bool(steps - {1})
 
 
 def refuse_twins(images: Sequence[Path]) -> None:
@@ -39,7 +64,8 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
 
     They are taken 1 / rate_hz apart whatever their names say.
     """
-    parts = [by_numbers(path.stem) for path in images]
+    seconds = in_seconds(images)
+    parts = [by_numbers(path.stem, seconds) for path in images]
     texts = [part[::2] for part in parts]
     other = next((k for k, text in enumerate(texts) if text != texts[0]), 0)
     if other:
@@ -50,11 +76,11 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     columns = [column for column in zip(*(part[1::2] for part in parts), strict=True) if len(set(column)) > 1]
     if len(columns) != 1:
         return []
-    numbers = [int(number) for number in columns[0]]
+    numbers = [Decimal(number) for number in columns[0]]
     steps = np.array([float(after - before) for before, after in pairwise(numbers)])
     taken = f"the images are taken 1 / {rate_hz:g} s apart"
-    if len(str(numbers[-1])) >= STAMP_DIGITS:
-        if any(_fits(steps / unit * rate_hz) for unit in UNITS):
+    if seconds or len(str(numbers[-1])) >= STAMP_DIGITS:
+        if any(_fits(steps / unit * rate_hz) for unit in ((1.0,) if seconds else UNITS)):
             return []
         return [
             f"{images[0].parent}: the names of the images look like times ({images[0].name}), which are not read: "

@@ -12,7 +12,7 @@ from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.image_files import finish_video, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
-from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, refuse_twins
+from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, in_seconds, refuse_twins
 from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.images.video_images import VideoImages
 from uavbench.tracker.initialization import read_init
@@ -124,9 +124,10 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[
 
 
 def in_order(folder: Path) -> list[Path]:
-    """Images of a folder sorted by name, with numbers compared by value: 9.png before 10.png."""
-    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted(images, key=lambda path: (by_numbers(path.name), path.name))
+    """Images of a folder sorted by name, with numbers and seconds compared by value: 9.png before 10.png."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    seconds = in_seconds(images)
+    return sorted(images, key=lambda path: (by_numbers(path.name, seconds), path.name))
 
 
 def rate_of(source: Path | BagTopic, rate_hz: float) -> float:
