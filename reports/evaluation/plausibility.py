@@ -1,11 +1,12 @@
 """Plausibility checks of a trajectory: units of stamps and positions, order of quaternion components."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.association import PosePairs
+from uavbench.reports.metrics.quaternions import between
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -17,6 +18,8 @@ CLOSE_RAD = np.radians(10.0)
 """Median rotation error in rad below which the quaternion order is not doubted."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
+ORDERS = {"w first": [1, 2, 3, 0], "w last": [3, 0, 1, 2]}
+"""Places of the components of quaternions that were read in the wrong order."""
 SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
 """Alignments that estimate the scale."""
 
@@ -38,14 +41,28 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     factor = _unit(float(np.sqrt(np.mean(near**2))), float(np.sqrt(np.mean(far**2))), LENGTH_FACTORS)
     if factor and align not in SCALED and np.corrcoef(near, far)[0, 1] > SAME_WAY:
         yield f"the positions of the estimate spread {_times(factor)} those of the reference: are both in metres?"
-    given = _angle(pairs.estimate_q, pairs.reference_q)
-    for what, order in (("w first", [1, 2, 3, 0]), ("w last", [3, 0, 1, 2])):
-        if (
-            align == "none"
-            and given > CLOSE_RAD
-            and _angle(pairs.estimate_q[:, order], pairs.reference_q) < 0.1 * given
-        ):
-            yield f"the rotations of the estimate would fit if its quaternions were read {what}: is their order right?"
+    e, r = pairs.estimate_q, pairs.reference_q
+    if orders := (align == "none" and _fitting_orders(e, r, lambda q: q)) or _fitting_orders(e, r, _since_first):
+        said = " or ".join(orders)
+        yield f"the rotations of the estimate would fit if its quaternions were read {said}: is their order right?"
+
+
+def _fitting_orders(estimate_q: Array, reference_q: Array, of: Callable[[Array], Array]) -> list[str]:
+    """The other orders of the components in which what `of` gives of the rotations would fit.
+
+    The world of the estimate may be another one before an alignment; rotations since the first pose fit all the same.
+    """
+    given = _angle(of(estimate_q), of(reference_q))
+    return [
+        what
+        for what, order in ORDERS.items()
+        if given > CLOSE_RAD and _angle(of(estimate_q[:, order]), of(reference_q)) < 0.1 * given
+    ]
+
+
+def _since_first(q: Array) -> Array:
+    """Rotations (n, 4) since the first."""
+    return between(np.broadcast_to(q[:1], q.shape), q)
 
 
 def _unit(value: float, other: float, factors: tuple[float, ...]) -> float:

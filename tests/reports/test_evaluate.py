@@ -255,6 +255,19 @@ def test_other_units_and_orders_are_told(tmp_path: Path, wrong: dict, told: list
     assert scaled is None or not scaled.record["doubts"]
 
 
+@pytest.mark.parametrize("align", ["none", "se3", "sim3", "yaw", "origin"])
+def test_quaternions_in_another_order_are_told_in_another_world_too(tmp_path: Path, align: str) -> None:
+    way, world = circle(), Pose.exp(np.array([1.0, 2.0, -0.5, 0.3, -0.9, 0.4]))
+    moved = Trajectory.from_poses(way.stamps_ns.tolist(), [world @ way.pose(k) for k in range(len(way))])
+    truth = written(tmp_path / "truth.tum", way)
+    right, wrong = (
+        evaluate_files(truth, written(tmp_path / f"{order}.tum", moved, order=order), align=align).record["doubts"]
+        for order in ("xyzw", "wxyz")
+    )
+    assert right == []
+    assert len(wrong) == 1 and "would fit if its quaternions were read w first" in wrong[0], wrong
+
+
 def test_a_compressed_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.tum.gz").write_bytes(gzip.compress(written(tmp_path / "a.tum", circle()).read_bytes()))
     with pytest.raises(UserError, match=r"a\.tum\.gz: is compressed by gzip; decompress it with `gunzip`"):
