@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from uavbench.reports.scoring.runs import ScoredRun
 
 SCORES = "results/*/*/score.json"
+SUITE = "suite.json"
+"""Description of the suite whose runs are in the folder."""
 RECORDS = "made"
 """Folder inside with a record for each job: the hash of its inputs and the files that it wrote."""
 
@@ -20,10 +22,11 @@ RECORDS = "made"
 def load_scores(folder: str | Path) -> "DataFrame":
     """Scores of a finished run, one row per run of a tracker on a sequence, sorted by sequence, tracker and rate.
 
-    folder: what `uavbench run --out` or `uavbench score --out` wrote. Columns: sequence, flight (without its seed),
-    tracker, rate_hz, seed, status, then every number of the scores under the path of its key, its unit last:
-    `tracking_success`, `ate_none_translation_rmse_m`, `rpe_1s_rotation_median_deg`, `latency_total_p95_ms`. NaN where
-    a run has none. The last column, `error`, is the first error of the run. UserError when the folder has no scores.
+    folder: what `uavbench run --out` or `uavbench score --out` wrote; runs that an earlier form of the suite left in it
+    do not count. Columns: sequence, flight (without its seed), tracker, rate_hz, seed, status, then every number of the
+    scores under the path of its key, its unit last: `tracking_success`, `ate_none_translation_rmse_m`,
+    `rpe_1s_rotation_median_deg`, `latency_total_p95_ms`. NaN where a run has none. The last column, `error`, is the
+    first error of the run. UserError when the folder has no scores, or one of inputs that have changed since.
 
     >>> scores = load_scores(folder)
     >>> scores.groupby("tracker").tracking_success.mean().to_dict()
@@ -55,10 +58,15 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
 
 def _missing(folder: Path, scores: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Scores of the report that have no results: of runs that are missing."""
+    known = {_who(score) for score in scores}
+    return [score for score in _reported_missing(folder) if _who(score) not in known]
+
+
+def _reported_missing(folder: Path) -> list[dict[str, Any]]:
+    """Scores of the report of runs that are missing; none without a report."""
     report = folder / "scores.json"
     reported = read_json(report).get("scores", []) if report.is_file() else []
-    known = {_who(score) for score in scores}
-    return [score for score in reported if score.get("status") == "missing" and _who(score) not in known]
+    return [score for score in reported if score.get("status") == "missing"]
 
 
 def _who(score: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -66,16 +74,44 @@ def _who(score: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _score_files(folder: Path) -> list[Path]:
-    files = sorted(folder.glob(SCORES))
+    """Files of the current scores of the suite that `suite.json` describes; without it, of all.
+
+    UserError without any, and for one that is not current, unless the report says that its run is missing.
+    """
+    about = read_json(folder / SUITE) if (folder / SUITE).is_file() else None
+    files = [path for path in sorted(folder.glob(SCORES)) if about is None or _is_of(path, folder / SUITE, about)]
     if not files:
         raise UserError(f"{folder}: has no scores ({SCORES}); create them with `uavbench score SUITE --out {folder}`")
+    missing = {(score.get("sequence"), _run(score)) for score in _reported_missing(folder)}
+    current = []
     for file in files:
-        refuse_disowned(folder, file)
-    return files
+        if not (_is_disowned(folder, file) and (file.parents[1].name, file.parent.name) in missing):
+            refuse_disowned(folder, file)
+            current.append(file)
+    return current
+
+
+def _is_of(score: Path, suite: Path, about: Mapping[str, Any]) -> bool:
+    """Whether a suite has the run of a score; about: its description, from the file `suite`."""
+    try:
+        runs = {_run({"label": label, "rate_hz": rate}) for label in about["trackers"] for rate in about["rates_hz"]}
+        return score.parents[1].name in about["sequences"] and score.parent.name in runs
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise UserError(f"{suite}: not uavbench's: {error}") from None
+
+
+def _run(score: Mapping[str, Any]) -> str:
+    """Name of the folder of a run."""
+    return f"{score.get('label')}@{float(score.get('rate_hz', 0)):g}hz"
+
+
+def _is_disowned(folder: Path, file: Path) -> bool:
+    record = folder / RECORDS / file.relative_to(folder)
+    return record.is_file() and not read_json(record).get("content_hash")
 
 
 def refuse_disowned(folder: Path, file: Path) -> None:
-    """UserError when an input of a run's file was written while it was made, or its job has not ended."""
-    record = folder / RECORDS / file.relative_to(folder)
-    if record.is_file() and not read_json(record).get("content_hash"):
-        raise UserError(f"{file}: made of inputs that changed meanwhile, or not to the end; run the suite again")
+    """UserError when an input of a run's file has changed since, or while it was made, or its job has not ended."""
+    if _is_disowned(folder, file):
+        why = "made of inputs that changed meanwhile or since, or not to the end"
+        raise UserError(f"{file}: {why}; run the suite again")

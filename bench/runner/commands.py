@@ -15,7 +15,7 @@ from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
-from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
+from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights
 from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
@@ -78,6 +78,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
+        disown_stale_scores(jobs if flown or verb in ("score", "report") else plan(part, folder, "score"))
         outcome = run_graph(jobs, *pool)
         if changed := disown_touched(jobs, planned, outcome.done):
             say(changed, err=True)
@@ -98,6 +99,18 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False, video: bool = False) -> int:
     """Run a shard `i/n` of a suite in this process, without the report, which needs all shards."""
     return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
+
+
+def disown_stale_scores(jobs: list[Job]) -> None:
+    """Let nobody read the scores of earlier inputs as current ones, should the jobs that replace them fail or not run.
+
+    jobs: in topological order, with those that the scores need. Scores that no job made, as those of `uavbench compare`
+    or of a copy without records, stay as they are.
+    """
+    fresh = {job.name for job in fresh_jobs(jobs)}
+    for job in jobs:
+        if job.verb == "score" and job.name not in fresh and job.place.record.is_file():
+            job.place.disown()
 
 
 def disown_touched(jobs: list[Job], planned: Callable[[], list[Job]], done: list[Job]) -> str:

@@ -1,6 +1,7 @@
 """Results whose inputs were written while they were made are never handed on, whichever command made them."""
 
 import json
+import shutil
 import sys
 from functools import partial
 
@@ -36,6 +37,14 @@ class Mine:
         if GIVEN.read_text() == "edited in the middle":
             GIVEN.write_text("as it stays")
         return Box().build(rng)
+"""
+BREAKS = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Breaks:
+    def start(self, structure, camera, cam_from_world, rng):
+        raise RuntimeError("broken")
 """
 CHANGED = "changed while jobs that use it ran: given.txt; the same command does"
 
@@ -111,6 +120,56 @@ def test_results_that_were_disowned_are_neither_compared_nor_read(tmp_path):
     with pytest.raises(UserError, match=r"score\.json: made of inputs that changed meanwhile.*run the suite again"):
         ub.load_scores(out)
     assert ["run the suite again" in why for why in read_side(out).faults.values()] == [True]
+
+
+def test_scores_of_earlier_inputs_are_neither_compared_nor_read(tmp_path, monkeypatch):
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+    (tmp_path / "tracker_that_breaks.py").write_text(BREAKS)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{':'.join(path for path in sys.path if path)}")
+    good = SMALL.replace("seeds = [0, 1]", "seeds = [0]") + 'mine = { kind = "hold" }\n'
+    broken = good.replace('mine = { kind = "hold" }', 'mine = { kind = "tracker_that_breaks:Breaks" }')
+
+    def scored(text, verb="score"):
+        path.write_text(text)
+        return bring_up_to(verb, str(path), out, ExecutionOptions())
+
+    def stale():
+        with pytest.raises(UserError, match=r"score\.json: made of inputs that changed.*run the suite again"):
+            ub.load_scores(out)
+        return {run for run, _, _ in read_side(out).faults}
+
+    smaller = good.replace("width = 160", "width = 120")
+    assert scored(good) == 0 and len(ub.load_scores(out)) == 2
+    assert scored(broken) != 0 and stale() == {"mine@15hz"}, "a tracker that fails since"
+    assert scored(broken, "report") != 0
+    assert dict(ub.load_scores(out)[["tracker", "status"]].to_numpy()) == {"hold": "complete", "mine": "missing"}
+    assert [run.name for run in ub.load_runs(out)] == ["hold@15hz"]
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("uavbench.bench.runner.commands.run_graph", interrupted)
+        scored(smaller)
+    assert stale() == {"hold@15hz", "mine@15hz"}, "of a run that was interrupted"
+    assert scored(good) == 0 and len(ub.load_scores(out)) == 2 and not read_side(out).faults
+    assert scored(smaller, "render") == 0
+    assert stale() == {"hold@15hz", "mine@15hz"}, "of sequences that were rendered anew"
+    shutil.rmtree(out / "made" / "results")
+    assert scored(good, "render") == 0
+    assert not read_side(out).faults, "no job made them: they are those of `compare`"
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def test_runs_that_the_suite_no_longer_has_are_not_read(tmp_path):
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+    for text in (SMALL + 'mine = { kind = "hold" }\n', SMALL.replace("[0, 1]", "[0]")):
+        path.write_text(text)
+        assert bring_up_to("score", str(path), out, ExecutionOptions()) == 0
+    assert ub.load_scores(out)[["sequence", "tracker"]].to_numpy().tolist() == [["box-s0", "hold"]]
+    assert [run.name for run in ub.load_runs(out)] == ["hold@15hz"]
+    (out / "suite.json").unlink()
+    assert len(ub.load_scores(out)) == 4, "of a folder without a description all count"
 
 
 def test_scores_without_a_record_are_read(tmp_path):
