@@ -52,7 +52,7 @@ def read_baseline(path: Path, flights: str) -> Side:
     body = read_json(path, limit=SETTINGS)
     anew = f"create it again with `uavbench gate RESULTS --baseline {path} --update`"
     if body.pop("sha256", None) != _digest(body):
-        raise UserError(f"{path}: this baseline was edited or is incomplete; {anew}")
+        raise UserError(f"{path}: this baseline was edited or is incomplete; move it away, and {anew}")
     if not flights or body.get("flights") != flights:
         raise UserError(f"{path}: the suite's flights have changed since it was made; {anew}")
     try:

@@ -76,7 +76,7 @@ def test_an_edited_file_is_refused(tmp_path, baseline):
     about = json.loads(baseline.read_text())
     about["runs"][0][4]["ATE"] *= 2
     baseline.write_text(json.dumps(about))
-    with pytest.raises(UserError, match=r"was edited or is incomplete; create it again with .*--update`"):
+    with pytest.raises(UserError, match=r"is incomplete; move it away, and create it again with .*--update`"):
         gate(tmp_path / "base", baseline)
     baseline.write_text("{}")
     with pytest.raises(UserError, match="was edited or is incomplete"):
