@@ -33,7 +33,8 @@ def by_numbers(name: str, seconds: bool = False) -> list[str | Decimal]:
 def in_seconds(images: Sequence[Path]) -> bool:
     """Whether the names end in seconds with decimals, as in TUM RGB-D: `0.2` comes after `0.133333` then.
 
-    Two counts, as of takes and their images, are no such: counts are as wide as each other, or have no zeros in front.
+    Two counts, as of takes and their images, are no such: counts are as wide as each other, or have no zeros in front
+    and are not evenly apart if read as seconds.
     """
     found = [SECONDS.fullmatch(path.stem) for path in images]
     pairs = [(each[1], each[2]) for each in found if each]
@@ -42,7 +43,9 @@ def in_seconds(images: Sequence[Path]) -> bool:
     if any(len(whole) >= EPOCH_DIGITS or len(part) > MOST_COUNTED_DIGITS for whole, part in pairs):
         return True
     if len({len(part) for _, part in pairs}) > 1:
-        return any(part.startswith("0") and len(part) > 1 for _, part in pairs)
+        steps_s = np.diff(sorted(float(f"{whole}.{part}") for whole, part in pairs))
+        even = len(steps_s) > 1 and np.ptp(steps_s) < JITTER * steps_s.mean()
+        return bool(even) or any(part.startswith("0") and len(part) > 1 for _, part in pairs)
     counts = sorted((int(whole), int(part)) for whole, part in pairs)
     steps = {after[1] - before[1] for before, after in pairwise(counts) if after[0] == before[0]}
     return counts[0][0] != counts[-1][0] and bool(steps - {1})
