@@ -3,7 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
 from uavbench.reports.evaluation.find_trajectory import Found
@@ -56,7 +56,12 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
         second = in_one_frame(first, second, None if mount is None else Path(mount), chosen.align)
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):
-        p, q = paired_by_row(p, q, reference.name, estimate.name)
+        if chosen.offset_s:
+            raise UserError(
+                f"{reference.name} against {estimate.name}: files in the KITTI format have no stamps that an offset of "
+                f"{chosen.offset_s:g} s could shift; leave it out"
+            )
+        p, q = paired_by_row(reference, estimate)
     files = {"mode": options.get("mode", OWN_MODE), "reference": _about(first), "estimate": _about(second)}
     try:
         return evaluate(p, q, chosen, files, second.covariances, second.asked_ns if first.stamped else None)
@@ -64,14 +69,26 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
         raise UserError(f"{reference.name} against {estimate.name}: {error}") from None
 
 
-def paired_by_row(p: Trajectory, q: Trajectory, reference: str, estimate: str) -> tuple[Trajectory, Trajectory]:
+class SameStamps(NamedTuple):
+    """Trajectories of reference and estimate whose rows have the same stamps."""
+
+    reference: Trajectory
+    estimate: Trajectory
+
+
+def paired_by_row(reference: Side, estimate: Side) -> SameStamps:
     """Both trajectories with the stamps of the one that has any; UserError when their lengths differ."""
+    p, q = reference.found.trajectory, estimate.found.trajectory
     if len(p) != len(q):
         raise UserError(
-            f"{reference} has {len(p)} poses and {estimate} has {len(q)}: files in the KITTI format have no stamps "
-            "and can only be compared row by row"
+            f"{reference.name} has {len(p)} poses and {estimate.name} has {len(q)}: files in the KITTI format have no "
+            "stamps and can only be compared row by row"
         )
-    return p, Trajectory(p.stamps_ns, q.positions_m, q.quaternions_wxyz)
+    stamps_ns = (q if estimate.found.stamped else p).stamps_ns
+    return SameStamps(
+        Trajectory(stamps_ns, p.positions_m, p.quaternions_wxyz),
+        Trajectory(stamps_ns, q.positions_m, q.quaternions_wxyz),
+    )
 
 
 def _about(found: Found) -> dict[str, Any]:

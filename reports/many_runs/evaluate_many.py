@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.reports.evaluation.evaluate import Side, evaluate_found
 from uavbench.reports.evaluation.evaluation import ClaimedNees, Evaluation
@@ -22,6 +23,7 @@ from uavbench.reports.metrics.ape import pose_error_sizes
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.trajectory import Trajectory
 
 THREADS = 4
 """Threads that read and evaluate files; the parser and numpy release the interpreter lock."""
@@ -129,11 +131,13 @@ def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOpti
         _refuse_twice(reference, truth, read, runs)
         if not options.get("ignore_frames"):
             _refuse_mixed(reference, read, options, chosen.align)
-        axes = time_axis(reference.trajectory), distance_axis(reference.trajectory)
+        timed = reference.trajectory if reference.stamped else _timed(reference.trajectory, read)
+        axes = time_axis(timed), distance_axis(timed)
 
         def evaluated(run: Run, found: Found) -> EvaluatedRun:
             sides = Side(reference, str(truth)), Side(found, str(run.path))
-            return _reduced(run, evaluate_found(*sides, chosen, options), *axes)
+            done = evaluate_found(*sides, chosen, options)
+            return _reduced(run, done, *axes, done.pairs.stamps_ns if reference.stamped else timed.stamps_ns)
 
         done = list(pool.map(evaluated, runs, read))
     groups: dict[str, list[EvaluatedRun]] = {}
@@ -149,11 +153,16 @@ def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOpti
     )
 
 
-def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis) -> EvaluatedRun:
-    """Summaries and curves of a run without its poses, to save memory."""
+def _timed(truth: Trajectory, read: ListOf[Found]) -> Trajectory:
+    """A ground truth without stamps, with those of the first estimate that has any: both have the same rows."""
+    stamps_ns = next((each.trajectory.stamps_ns for each in read if each.stamped), truth.stamps_ns)
+    return Trajectory(stamps_ns, truth.positions_m, truth.quaternions_wxyz) if len(stamps_ns) == len(truth) else truth
+
+
+def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis, stamps_ns: NDArray[np.int64]) -> EvaluatedRun:
+    """Summaries and curves of a run without its poses, to save memory; stamps_ns (n,): of its pairs on the axes."""
     position_m, rotation_rad = pose_error_sizes(found.pairs)
     errors = {"position": position_m, "rotation": np.degrees(rotation_rad)}
-    stamps = found.pairs.stamps_ns
     return EvaluatedRun(
         run=run,
         ate=found.ate,
@@ -161,8 +170,8 @@ def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis) -> Evaluat
         coverage=found.coverage,
         nees=found.nees,
         record=found.record,
-        over_time={name: time.binned(stamps, values) for name, values in errors.items()},
-        over_distance={name: distance.binned(stamps, values) for name, values in errors.items()},
+        over_time={name: time.binned(stamps_ns, values) for name, values in errors.items()},
+        over_distance={name: distance.binned(stamps_ns, values) for name, values in errors.items()},
         path_m=_thinned(found.pairs.estimate_m),
         scores=found.to_json(),
     )

@@ -128,6 +128,20 @@ def test_without_its_frames_an_estimate_has_the_rate_of_its_short_steps(jitter_s
         assert found.coverage == pytest.approx(share, abs=0.1)
 
 
+@pytest.mark.parametrize("without", ["reference", "estimate", "neither"])
+def test_seconds_are_those_of_the_file_with_stamps_where_the_other_has_none(tmp_path: Path, without: str) -> None:
+    way = circle(50, offset_m=0.1)
+    for name in ("reference", "estimate"):
+        fast = Trajectory(way.stamps_ns // 2, way.positions_m, way.quaternions_wxyz)  # 20 Hz; KITTI has 10
+        (write_kitti if name == without else write_tum)(fast, tmp_path / name)
+    found = evaluate_files(tmp_path / "reference", tmp_path / "estimate", delta=1.0, unit="s", all_pairs=True)
+    assert found.rpe["translation_m"].n == 30
+    assert found.frames()["time_s"].iloc[-1] == pytest.approx(49 / 20)
+    if without != "neither":
+        with pytest.raises(UserError, match=r"have no stamps that an offset of 0\.1 s could shift; leave it out"):
+            evaluate_files(tmp_path / "reference", tmp_path / "estimate", t_offset_s=0.1)
+
+
 def test_kitti_files_of_different_lengths_are_refused(tmp_path: Path) -> None:
     write_kitti(circle(20), tmp_path / "a.txt")
     write_kitti(circle(19), tmp_path / "b.txt")

@@ -5,9 +5,11 @@ import pytest
 
 from uavbench.reports.many_runs.comparison import decimals_of
 from uavbench.reports.many_runs.curves import Axis, Band, distance_axis, time_axis
+from uavbench.reports.many_runs.evaluate_many import evaluate_many
 from uavbench.reports.many_runs.groups import Pairing, grouped, pairing
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_kitti, write_tum
 
 POSES, RUNS = 120, 7
 T = np.arange(POSES) / 10
@@ -178,3 +180,16 @@ def test_names_that_no_two_trackers_share_are_those_of_the_wildcards(made, tmp_p
 def test_brackets_without_anything_between_are_themselves(tmp_path):
     (tmp_path / "run[].tum").touch()
     assert names_of(tmp_path, [f"A={tmp_path}/run[].tum"], ["run[].tum"]) == {("A", "run[]")}
+
+
+def test_a_truth_without_stamps_has_those_of_the_first_estimate_that_has_any(tmp_path):
+    fast = Trajectory(np.arange(POSES) * 10**9 // 40 + 10**18, WAY, np.tile([1.0, 0, 0, 0], (POSES, 1)))
+    write_kitti(fast, tmp_path / "truth.txt")
+    write_kitti(fast, tmp_path / "a.txt")
+    for name in ("b.tum", "c.tum"):
+        write_tum(fast, tmp_path / name)
+    runs = grouped([tmp_path / name for name in ("a.txt", "b.tum", "c.tum")], [])
+    found = evaluate_many(tmp_path / "truth.txt", runs)
+    assert found.time.edges[-1] == pytest.approx((POSES - 1) / 40)
+    for run in found.runs:
+        assert np.isfinite(run.over_time["position"]).all() and np.isfinite(run.over_distance["rotation"]).all()
