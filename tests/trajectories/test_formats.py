@@ -119,6 +119,7 @@ def test_evo_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> N
         ("1 0 0 0 0 0 0 2\n", "line 1: its quaternion is not of unit norm"),
         ("1 0 0 0 0 0 0 x\n", "line 1: could not convert"),
         ("one 0 0 0 0 0 0 1\n", "line 1: 'one' is not a time stamp"),
+        ("t,tx,ty,tz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n", "'t' is not a time stamp; put # before a line of names"),
         ("1e99 0 0 0 0 0 0 1\n", "does not fit"),
         ("nan 0 0 0 0 0 0 1\n", "is not a time stamp"),
         ("1 0 0 0 0 0 0 1\n2 0 0\n", "line 2 has 3 values, expected 8"),

@@ -225,8 +225,9 @@ def _stamp(path: Path, number: int, text: str, unit_ns: int) -> int:
         if value.is_finite() and value.adjusted() > 19:  # before its digits are written out: 1e999990 has a million
             raise OverflowError
         stamp = int((value * unit_ns).to_integral_value())
-    except (InvalidOperation, ValueError):
-        raise UserError(f"{path}: line {number}: {text[:40]!r} is not a time stamp") from None
+    except (InvalidOperation, ValueError) as error:
+        names = "; put # before a line of names" if isinstance(error, InvalidOperation) else ""
+        raise UserError(f"{path}: line {number}: {text[:40]!r} is not a time stamp{names}") from None
     except OverflowError:
         stamp = 2**63
     if not -(2**63) <= stamp < 2**63:
