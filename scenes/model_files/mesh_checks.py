@@ -18,6 +18,7 @@ from uavbench.scenes.model_files.referenced_files import is_beside, is_there
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS
 from uavbench.trajectories.files.reading import json_value
+from uavbench.trajectories.geometry.winding import merged
 from uavbench.trajectories.pose import Array
 
 MOST_TRIANGLES = 2_000_000
@@ -84,9 +85,7 @@ def closedness(vertices: Array, triangles: np.ndarray) -> Closedness:
 
     Identical vertices are merged first.
     """
-    scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
-    _, same = np.unique(np.round(vertices / (1e-7 * scale)), axis=0, return_inverse=True)
-    corners = same.reshape(-1)[triangles].astype(np.int64)
+    corners = merged(vertices, triangles)
     directed = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     directed = directed[directed[:, 0] != directed[:, 1]]
     n = len(vertices)

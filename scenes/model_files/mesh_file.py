@@ -24,6 +24,7 @@ from uavbench.scenes.structure import CREASE_ANGLE_DEG, Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import read_bytes
+from uavbench.trajectories.geometry.winding import wound_against
 from uavbench.trajectories.pose import Array
 
 UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
@@ -41,7 +42,8 @@ class MeshFile:
 
     up is the file's upward axis (auto: y for glTF, as its specification says, z for other formats). Edges between faces
     whose normals differ by less than crease_angle_deg, and edges shorter than min_edge_m, are not given to trackers. An
-    open mesh is rejected unless allow_open, an inside-out one unless flip. surface is the material of pieces without
+    open mesh is rejected unless allow_open, an inside-out one unless flip; triangles wound against their neighbours are
+    turned. surface is the material of pieces without
     texture or colour.
     """
 
@@ -63,7 +65,7 @@ class MeshFile:
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The structure; UserError naming the file, the defect, and the config key that resolves it."""
         path = Path(self.path)
-        pieces = [self._placed(piece) for piece in read(path)]
+        pieces = _in_agreement([self._placed(piece) for piece in read(path)])
         vertices, triangles = _whole(pieces)
         check(path, vertices, triangles, allow_open=self.allow_open)
         if not self.keep_origin:
@@ -188,6 +190,15 @@ def _whole(pieces: list[Loaded]) -> tuple[Array, np.ndarray]:
     shift = np.cumsum([0] + [len(p.vertices) for p in pieces[:-1]])
     triangles = np.concatenate([p.triangles + n for p, n in zip(pieces, shift, strict=True)])
     return np.concatenate([p.vertices for p in pieces]), triangles
+
+
+def _in_agreement(pieces: list[Loaded]) -> list[Loaded]:
+    """The pieces, triangles turned that are wound against their neighbours."""
+    turned = wound_against(*_whole(pieces))
+    if not turned.any():
+        return pieces
+    ends = np.cumsum([len(piece.triangles) for piece in pieces])
+    return [piece.turned(rows) for piece, rows in zip(pieces, np.split(turned, ends[:-1]), strict=True)]
 
 
 def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:

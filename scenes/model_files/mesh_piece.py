@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.renderables import Texture
 from uavbench.scenes.structure import Indices
@@ -31,6 +32,10 @@ class Loaded:
     def flipped(self) -> "Loaded":
         """The piece with the orientation of its triangles reversed."""
         return replace(self, triangles=self.triangles[:, ::-1])
+
+    def turned(self, rows: NDArray[np.bool_]) -> "Loaded":
+        """The piece with the orientation of the triangles of a mask (m,) reversed."""
+        return replace(self, triangles=np.where(rows[:, None], self.triangles[:, ::-1], self.triangles))
 
     def without_flat(self) -> "Loaded":
         """The piece without triangles of no area, which are not visible and have no normal."""

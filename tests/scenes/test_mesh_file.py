@@ -120,6 +120,23 @@ def test_an_open_mesh_is_refused_unless_allowed(tmp_path: Path) -> None:
     assert len(built(tmp_path / "open.ply", allow_open=True).structure.edges) > 0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_triangles_that_face_the_other_way_make_no_edges(tmp_path: Path, seed: int) -> None:
+    """Of a closed model as of an open one, and what is drawn faces outwards, too."""
+    mesh = house().subdivide()
+    turned = np.random.default_rng(seed).random(len(mesh.faces)) < 0.3
+    for name, kept in {"closed": np.full(len(mesh.faces), True), "open": mesh.face_normals[:, 2] > -0.5}.items():
+        faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)[kept]
+        trimesh.Trimesh(mesh.vertices, faces, process=False).export(tmp_path / f"{name}.ply")
+        found = built(tmp_path / f"{name}.ply", allow_open=name == "open")
+        assert len(found.structure.edges) == 12
+        centre = found.structure.vertices.mean(axis=0)
+        assert (np.einsum("fi,fi->f", found.structure.face_normals, found.structure.face_points - centre) > 0).all()
+        (part,) = found.parts
+        drawn = trimesh.Trimesh(part.vertices, part.triangles, process=False)
+        assert (np.einsum("fi,fi->f", drawn.face_normals, drawn.triangles_center - centre) > 0).all()
+
+
 def test_an_inside_out_mesh_is_refused_and_flip_mends_it(tmp_path: Path) -> None:
     mesh = house()
     mesh.invert()
