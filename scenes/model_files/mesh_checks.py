@@ -13,7 +13,7 @@ import numpy as np
 
 from uavbench.scenes.model_files.gltf_images import GLB_JSON, check_embedded
 from uavbench.scenes.model_files.model_folder import read_library, textures_of
-from uavbench.scenes.model_files.obj_materials import LIBRARY, libraries, texture_lines
+from uavbench.scenes.model_files.obj.materials import LIBRARY, libraries, texture_lines
 from uavbench.scenes.model_files.referenced_files import is_beside, is_there
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS

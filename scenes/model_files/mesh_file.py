@@ -16,7 +16,7 @@ from uavbench.scenes.model_files.cao import read_cao
 from uavbench.scenes.model_files.ifc import read_ifc
 from uavbench.scenes.model_files.mesh_checks import check, check_count, check_file, check_textures
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
-from uavbench.scenes.model_files.obj_materials import TextureMap
+from uavbench.scenes.model_files.obj.materials import TextureMap
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.primitives.solids import Solid, covered
 from uavbench.scenes.renderables import BuiltStructure, Part

@@ -8,7 +8,7 @@ from urllib.parse import unquote
 from trimesh.resolvers import Resolver
 
 from uavbench.scenes.image_files import TEXTURES, refuse_damage, size_px
-from uavbench.scenes.model_files.obj_materials import (
+from uavbench.scenes.model_files.obj.materials import (
     TextureMap,
     found_name,
     libraries,

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
 
-from uavbench.scenes.model_files.obj_materials import spellings
+from uavbench.scenes.model_files.obj.materials import spellings
 from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.source_files import stamp

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from uavbench.scenes.model_files.mesh_file import MeshFile, read
-from uavbench.scenes.model_files.obj_materials import TextureMap, texture_map
+from uavbench.scenes.model_files.obj.materials import TextureMap, texture_map
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.trajectories.errors import UserError
 
