@@ -15,11 +15,11 @@ import numpy as np
 from uavbench.scenes.model_files.cylinders import cylinder, disc, is_end
 from uavbench.scenes.model_files.mesh_checks import FaceWork, check_count
 from uavbench.scenes.model_files.mesh_piece import Loaded
-from uavbench.scenes.primitives.solids import ear_clip
+from uavbench.scenes.primitives.solids import polygon_triangles
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, LONGEST_LINE, MODEL, MOST_NESTING, MOST_ROWS
 from uavbench.trajectories.files.reading import read_text
-from uavbench.trajectories.pose import Array, Pose, rotation_exp
+from uavbench.trajectories.pose import Pose, rotation_exp
 
 MOST_LOADS = 1000
 """Most pieces of one model, each counted once per load; the largest of ViSP's own models have 20."""
@@ -197,7 +197,7 @@ def _piece(piece: Piece, work: FaceWork) -> Loaded:
             raise ValueError("a number below 0")
         faces = [*[_chained([lines[k] for k in face]) for face in from_lines], *from_points]
         work.add(map(len, faces))
-        triangles = [np.array(face)[_triangles(points[face])] for face in faces]
+        triangles = [np.array(face)[polygon_triangles(points[face])] for face in faces]
     except (IndexError, ValueError) as error:
         raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
     flat = Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64))
@@ -282,12 +282,3 @@ def _chained(pieces: list[list[int]]) -> list[int]:
             raise ValueError("its lines are not connected")
         out.append(piece[0] if piece[1] == out[-1] else piece[1])
     return out
-
-
-def _triangles(corners: Array) -> np.ndarray:
-    """Triangles (n - 2, 3) of a planar polygon (n, 3), of the same orientation."""
-    normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
-    normal /= np.linalg.norm(normal)
-    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
-    u /= np.linalg.norm(u)
-    return ear_clip(np.column_stack([corners @ u, corners @ np.cross(normal, u)]))

@@ -16,6 +16,7 @@ from uavbench.scenes.model_files.cao import read_cao
 from uavbench.scenes.model_files.ifc import read_ifc
 from uavbench.scenes.model_files.mesh_checks import check, check_count, check_file, check_textures
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
+from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.primitives.solids import Solid, covered
@@ -104,6 +105,7 @@ def read(path: Path) -> list[Loaded]:
                         f"supported: {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
     data = read_bytes(path, MODEL)
     check_file(path, data)
+    data = with_triangles(path, data) if kind == ".obj" else data
     import trimesh
 
     from uavbench.scenes.model_files.model_folder import ModelFolder

@@ -84,6 +84,15 @@ def ear_clip(polygon: Array) -> Indices:
     return np.array([*out, left], dtype=np.int64)
 
 
+def polygon_triangles(corners: Array) -> Indices:
+    """Triangles (n - 2, 3) of a simple planar polygon (n, 3), of the same orientation; ValueError for another one."""
+    normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    return ear_clip(np.column_stack([corners @ u, corners @ np.cross(normal, u)]))
+
+
 def circle(radius: float, sides: int) -> Array:
     """Regular polygon (sides, 2) about the origin, of the same area as a circle of this radius."""
     angle = (np.arange(sides) + 0.5) * 2 * np.pi / sides

@@ -13,6 +13,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.generate import generate
 from uavbench.scenes.model_files import mesh_checks
 from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.renderables import BuiltStructure
 from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.world.outdoor import Outdoor
@@ -454,3 +455,40 @@ def test_a_triangle_without_area_that_closes_a_t_junction_leaves_no_edge(tmp_pat
     (tmp_path / "a.obj").write_text(f"{CUBE}{points}{sides}{faces}")
     structure = MeshFile(path=str(tmp_path / "a.obj")).build(np.random.default_rng(0)).structure
     assert len(structure.edges) == 12 and len(structure.face_normals) == 6
+
+
+def with_an_opening(path: Path, *, corners: str = "1 2 3 4 5 6 7 8") -> Path:
+    """A slab, 1 m deep and open at the back, whose front is one concave face around a doorway."""
+    outline = [(0, 0), (1, 0), (1, 2), (2, 2), (2, 0), (3, 0), (3, 3), (0, 3)]
+    points = [(x, y, z) for y in (0, 1) for x, z in outline]
+    sides = [(k + 1, k + 9, (k + 1) % 8 + 9, (k + 1) % 8 + 1) for k in range(8)]
+    rows = [f"v {x} {y} {z}" for x, y, z in points] + ["f " + " ".join(map(str, side)) for side in sides]
+    path.write_text("\n".join([*rows, f"f {corners}"]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    "corners", ["1 2 3 4 5 6 7 8", "-16 -15 -14 -13 -12 -11 -10 -9", "3// 4// 5// 6// 7// 8// 1// 2//"]
+)
+def test_a_concave_face_does_not_cover_its_opening(tmp_path: Path, corners: str) -> None:
+    structure = built(
+        with_an_opening(tmp_path / "door.obj", corners=corners), keep_origin=True, allow_open=True
+    ).structure
+    front = structure.vertices[structure.triangles]
+    front = front[(front[..., 1] == 0.0).all(axis=1)]
+    area = np.linalg.norm(np.cross(front[:, 1] - front[:, 0], front[:, 2] - front[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(3 * 3 - 1 * 2)
+    assert len(structure.edges) == 24  # 8 around the front, as many at the back, 8 between them
+
+
+def test_a_face_that_crosses_itself_is_refused(tmp_path: Path) -> None:
+    path = with_an_opening(tmp_path / "crossed.obj", corners="3 5 1 8 6 2 7 4")
+    with pytest.raises(UserError, match=r"line 25: this face is not a simple polygon; export triangles"):
+        read(path)
+
+
+def test_convex_faces_are_left_as_they_are(tmp_path: Path) -> None:
+    data = (
+        b"v 0 0 0\r\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0 0\nf 1/1 5/2 2/3 3/4 4/5 # with a corner on a side\nf 1 2 3 9"
+    )
+    assert with_triangles(tmp_path / "flat.obj", data) is data
