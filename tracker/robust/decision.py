@@ -15,7 +15,7 @@ from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.relocalization.doubts import Doubts
-from uavbench.tracker.robust.relocalization.ranking import Contender, Sought
+from uavbench.tracker.robust.relocalization.ranking import Contender, Sought, believed_support
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -227,13 +227,18 @@ class Decider:
         return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
-        """Whether a fit's support is so low that a pose search is required."""
+        """Whether a fit's support is so low that a pose search is required.
+
+        A fit that chance would find among the poses of a search is believed as little here as there. After a long
+        frame interval it is compared with other poses anyway.
+        """
         loss, slow = self.config.loss, self.is_slow(frame)
+        support = fit.support if slow else believed_support(fit)
         wanted = self.state.usual_or_good() if slow else self.config.good_support
-        if fit.support >= wanted:
+        if support >= wanted:
             return False
         due = self.until_search < 0 or self.relocator.under_way
-        return slow or due or not fit.support >= loss.min_support
+        return slow or due or not support >= loss.min_support
 
     def recalled(self, frame: Frame, fit: Fit) -> list[Pose]:
         """Likely poses of a frame that the prediction does not explain, by what the run has seen before.
