@@ -97,10 +97,11 @@ class TrackState:
     def is_there(self, fit: Fit, predicted: Motion, recent: bool, poses: int = HYPOTHESES) -> bool:
         """Whether a track goes on near the prediction because chance would not match as many edges.
 
-        Of a recent pose (recent) half of the edges are enough, also after a few frames that were lost: patches that an
-        occluder hides say nothing against it.
+        Near is what the run's own predictions are. Of a recent pose (recent) half of the edges are enough, also after a
+        few frames that were lost: patches that an occluder hides say nothing against it.
         """
-        if self.is_first or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
+        usual_chi2 = FAR_CHI2 * self.prediction_errors.scale
+        if self.is_first or predicted.squared_mahalanobis(fit.cam_from_world) > usual_chi2:
             return False
         loss, log10_nfa = self.config.loss, fit.chance.edges + math.log10(poses)
         if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:

@@ -1,4 +1,4 @@
-"""When a pose is searched while a track has some support, though a search found nothing better a few frames ago."""
+"""When a track of little support goes on: whether a pose is searched, and how near the prediction it has to be."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
+from uavbench.tracker.geometry_kernels import se3_exp_left
 from uavbench.tracker.robust.decision import SEARCH_EVERY
 from uavbench.tracker.robust.fit.false_alarms import Chance
+from uavbench.tracker.robust.motion_model import PredictionErrors
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
 
@@ -51,3 +54,16 @@ def test_after_a_long_interval_support_alone_counts(tracked):
     late = tracked.frame._replace(extrapolated_s=1.0)
     assert tracked.run.decider.search_is_due(tracked.frame, fit)
     assert not tracked.run.decider.search_is_due(late, fit)
+
+
+@pytest.mark.parametrize(("errors", "goes_on"), [(PredictionErrors(), True), (PredictionErrors(0.06, 10.0), False)])
+def test_a_track_of_little_support_goes_on_where_the_predictions_of_the_run_are_as_far_off(tracked, errors, goes_on):
+    """One standard deviation from a prediction is far where predictions are usually off by a thirtieth of one."""
+    state, predicted = tracked.run.state, tracked.frame.predicted
+    aside = se3_exp_left(
+        predicted.cam_from_world.rotation,
+        predicted.cam_from_world.translation,
+        np.sqrt(np.diag(predicted.covariance)) * np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+    )
+    fit = replace(tracked.fit, cam_from_world=Pose(*aside), edge_support=0.6, chance=Chance(-7.0, -7.0))
+    assert replace(state, prediction_errors=errors).is_there(fit, predicted, recent=True) == goes_on
