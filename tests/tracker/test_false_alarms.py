@@ -6,9 +6,10 @@ from math import comb, log10
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown
+from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at
+from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.fit.false_alarms import Chance, chance, log10_tail
+from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance, chance_of_lines, log10_tail
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
@@ -32,8 +33,8 @@ def test_what_chance_finds_too_is_no_evidence():
     assert log10_tail(0.0, 0.0, 0) == 0.0
 
 
-def by_chance(parts, found, candidates, patches=(), width_px=1.5, half_px=5.0):
-    """Chance of `parts` parts of three points, of which the first `found` are found, each with so many candidates.
+def found_of(parts, found, candidates, patches=(), width_px=1.5, half_px=5.0):
+    """`parts` parts of three points, of which the first `found` are found, each with so many candidates.
 
     patches: whether each that was searched is found; None for one that was not searched.
     """
@@ -42,9 +43,12 @@ def by_chance(parts, found, candidates, patches=(), width_px=1.5, half_px=5.0):
     distance[:, :candidates] = 0.0
     weight = np.where(rows < found, 1.0, 0.0)
     correlation = np.array([-1.0 if each is None else 0.9 for each in patches])
-    return chance(
-        rows, distance, weight, np.array([float(bool(each)) for each in patches]), correlation, width_px, half_px
-    )
+    patch_weight = np.array([float(bool(each)) for each in patches])
+    return Found(rows, distance, weight, patch_weight, correlation, width_px, half_px)
+
+
+def by_chance(*args):
+    return chance(found_of(*args))
 
 
 def test_points_of_a_part_are_one_observation_and_clutter_makes_them_worth_less():
@@ -63,6 +67,55 @@ def test_patches_that_are_found_count_and_missed_ones_cannot_hide_the_edges():
     assert missed.whole == pytest.approx(edges.edges + log10(2.0))  # of two tests the better one counts
     assert by_chance(0, 0, 0, [True] * 4).whole == pytest.approx(log10_tail(4.0, 4 * 0.3, 4) + log10(2.0))
     assert by_chance(0, 0, 0).whole == 0.0
+
+
+def rays_of(lines):
+    """Unit vectors (n, 3) to three points on each of several edges, given by their ends in the image at depth 1."""
+    points = [np.linspace(*ends, 3) for ends in lines]
+    rays = np.column_stack([np.concatenate(points), np.ones(3 * len(lines))])
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def by_lines(edges, found, lines):
+    """Chance of edges of one part each, of which the first `found` are found, that are seen at these lines."""
+    return chance_of_lines(found_of(edges, found, 1), np.arange(0, 3 * edges + 1, 3), rays_of(lines), 0.006).edges
+
+
+def test_edges_on_one_line_of_the_image_count_as_one_edge():
+    row = [((x, 0.02 * x), (x + 0.02, 0.02 * (x + 0.02))) for x in np.linspace(-0.4, 0.4, 20)]
+    of_one_edge = log10_tail(8.0, 8 * 0.3, 8)
+    assert by_chance(20, 20, 1).edges < 2 * of_one_edge
+    assert by_lines(20, 20, row) == pytest.approx(of_one_edge)
+    assert by_lines(20, 10, row) == pytest.approx(log10_tail(4.0, 8 * 0.3, 8))
+    assert by_lines(5, 5, row[:5]) == by_chance(5, 5, 1).edges
+    posts = [((x, 0.0), (x, 0.03)) for x in np.linspace(-0.4, 0.4, 18)]  # that reach farther from the line than 0.006
+    two = [((-0.5, 0.0), (0.5, 0.0)), ((-0.5, 0.2), (0.5, 0.2))]
+    assert by_lines(20, 20, posts + two) == pytest.approx(log10_tail(20.0, 20 * 0.3, 20))
+
+
+def test_short_edges_that_a_line_passes_are_found_with_it():
+    line = [((-0.5, 0.0), (0.5, 0.0))]
+    points = [((x, 0.002), (x, 0.002)) for x in np.linspace(-0.4, 0.4, 19)]
+    assert by_lines(20, 20, points + line) == by_lines(20, 20, line + points)
+    assert by_lines(20, 20, points + line) == pytest.approx(log10_tail(8.0, 8 * 0.3, 8))
+    away = [((x, 0.1), (x, 0.1)) for x in np.linspace(-0.4, 0.4, 19)]
+    assert by_lines(20, 20, away + line) == pytest.approx(log10_tail(20.0, 20 * 0.3, 20))
+    same = [((0.2, 0.1), (0.2, 0.1)) for _ in range(20)]
+    assert by_lines(20, 20, same) == pytest.approx(log10_tail(8.0, 8 * 0.3, 8))
+
+
+def test_a_row_of_posts_is_not_found_at_a_horizon():
+    """Seen from the ground, the feet of many posts lie on one line, which any horizon fits."""
+    corners = [box_corners((0.05, 0.05, 0.004), (0.0, y)) for y in np.linspace(-0.5, 0.5, 12)]
+    triangles = np.concatenate([BOX_TRIANGLES + 8 * k for k in range(len(corners))])
+    posts = Structure.from_mesh(np.concatenate(corners), triangles)
+    pose = look_at(np.array([-1.4, 0.0, 0.002]), (0.0, 0.0, 0.002))
+    image = np.full((CAMERA.height, CAMERA.width, 3), 90, dtype=np.uint8)
+    image[: CAMERA.height // 2] = 180
+    run = Robust().start(posts, CAMERA, pose, np.random.default_rng(0))
+    fit = run.fitter.searched(image, pose, np.diag([1e-6] * 6), StageClock(), 5.0)
+    assert fit.inliers > 30
+    assert fit.log10_false_alarms(SEARCHED_POSES) < 0.0 < fit.log10_false_alarms_of_lines(SEARCHED_POSES)
 
 
 @pytest.mark.parametrize("seed", range(4))

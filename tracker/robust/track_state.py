@@ -73,17 +73,19 @@ class TrackState:
         those of a search is expected to find as many of its edges by chance.
         """
         poses = SEARCHED_POSES if searched else HYPOTHESES
-        if not fit.finite or fit.log10_false_alarms(poses) >= 0.0:
+        after_a_loss = searched and not self.is_first
+        log10_nfa = fit.log10_false_alarms_of_lines(poses) if after_a_loss else fit.log10_false_alarms(poses)
+        if not fit.finite or log10_nfa >= 0.0:
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
         by_chance = fit.chance.edges + math.log10(poses)
-        beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
+        beyond_doubt = after_a_loss and by_chance < self.config.loss.log10_false_alarms
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
 
     def may_begin_at(self, fit: Fit) -> bool:
         """Whether a fit that a search found would do as a first one, of which nothing is known."""
         enough = fit.finite and fit.support >= self.config.initialization.min_support
-        return enough and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
+        return enough and fit.log10_false_alarms_of_lines(SEARCHED_POSES) < 0.0
 
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
         """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
@@ -131,7 +133,7 @@ class TrackState:
 
     def is_sound(self, fit: Fit, least: float) -> bool:
         """Whether a fit has a least support that chance does not explain."""
-        return fit.finite and fit.support >= least and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
+        return fit.finite and fit.support >= least and fit.log10_false_alarms_of_lines(SEARCHED_POSES) < 0.0
 
     def return_to(self, before: "TrackState") -> None:
         """Return to an earlier state."""

@@ -27,7 +27,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
     support,
     weights_in_view,
 )
-from uavbench.tracker.robust.fit.false_alarms import Chance, chance
+from uavbench.tracker.robust.fit.false_alarms import Found, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory, Seen, learn_edges, learn_patches, learn_response
 from uavbench.tracker.robust.fit.pose_fit import (
@@ -264,6 +264,7 @@ class EdgeFitter:
             self.weak_step,
         )
         (R, t, step, sums, weighting), n = at.estimate, len(points.points)
+        evidence = self.found(searched, weighting)
         middle = points.points[n // 2] if n else np.full(3, np.nan)
         return Fit(
             Pose(R, t),
@@ -275,7 +276,8 @@ class EdgeFitter:
             float(R[2] @ middle + t[2]),
             share.edges,
             float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
-            self.chance_of(searched, weighting),
+            chance(evidence),
+            evidence,
             FitResiduals(
                 points,
                 chosen,
@@ -296,23 +298,22 @@ class EdgeFitter:
         found = searched.found
         return found_parts(found.measured, found.estimate.weighting.weight, self.appearance, self.weak_step)
 
-    def chance_of(self, searched: Searched, weighting: Weighting) -> Chance:
-        """How easily a random pose would find as much as these weights say was found."""
-        problem, aligned, found, _ = searched
-        widths = self.values.widths
-        return chance(
+    def found(self, searched: Searched, weighting: Weighting) -> Found:
+        """What these weights say was found."""
+        problem, aligned, solution, _ = searched
+        return Found(
             problem.points.rows,
-            found.measured.candidates.distance,
+            solution.measured.candidates.distance,
             weighting.weight,
             weighting.patch_weight,
             aligned.matches.correlation,
-            widths.last_px,
-            widths.fine_half_px,
+            self.values.widths.last_px,
+            self.values.widths.fine_half_px,
         )
 
     def log10_chance(self, searched: Searched) -> float:
         """Decimal logarithm of the bound on the probability that a random pose finds as much as a search did."""
-        return self.chance_of(searched, searched.found.estimate.weighting).whole
+        return chance(self.found(searched, searched.found.estimate.weighting)).whole
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""

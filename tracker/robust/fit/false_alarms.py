@@ -4,6 +4,9 @@ Background model: on a search line with m random candidates at least one is with
 probability 1 - (1 - width / half length)^m. m is counted on each line, so that more edges are required in cluttered
 images, which match by chance. Points of one part of an edge are found or missed together, so parts are counted. A
 patch is found as easily as an edge with one candidate.
+
+A search may lay the edges onto any straight line of the image: a horizon, a kerb. All edges that are seen on one line
+are then found at once. So after a loss they count as one edge.
 """
 
 import math
@@ -12,10 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.edges.columns import BINS
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
+
+PARTS_OF_LINE = BINS
+"""Most parts of a straight line of an image that count: those of one edge."""
 
 
 class Chance(NamedTuple):
@@ -25,6 +33,34 @@ class Chance(NamedTuple):
 
     edges: float
     whole: float
+
+
+class Found(NamedTuple):
+    """What was found at a pose.
+
+    rows (n,), equal for the points of one part; distance (n, k) of the candidates in px, inf where none; weight (n,)
+    and patch_weight (m,) > 0 for inliers; correlation (m,) < 0 for patches that were not searched; width_px: cutoff of
+    the weights; half_px: half length of the search lines.
+    """
+
+    rows: Indices
+    distance: Array
+    weight: Array
+    patch_weight: Array
+    correlation: Array
+    width_px: float
+    half_px: float
+
+
+FOUND = named_tuple(Found, "i1! f2! f1! f1! f1! f0 f0")
+
+
+class Parts(NamedTuple):
+    """Number of parts, how many of them are found, and how many chance would find."""
+
+    count: int
+    found: float
+    expected: float
 
 
 @compiled("f0 f0 i0", inner=True)
@@ -40,37 +76,96 @@ def log10_tail(found: float, expected: float, n: int) -> float:
     return min(0.0, -bound / math.log(10.0))
 
 
-@compiled("i1 f2 f1 f1 f1 f0 f0")
-def chance(
-    rows: Indices,
-    distance: Array,
-    weight: Array,
-    patch_weight: Array,
-    correlation: Array,
-    width_px: float,
-    half_px: float,
-) -> Chance:
-    """Bounds on the probability that a random pose finds as many parts of edges, and patches.
-
-    rows (n,), equal for the points of one part; distance (n, k) of the candidates in px, inf where none; weight (n,)
-    and patch_weight (m,) > 0 for inliers; correlation (m,) < 0 for patches that were not searched; width_px: cutoff of
-    the weights; half_px: half length of the search lines.
-    """
-    parts, share, expected, p = 0, 0.0, 0.0, 0
-    while p < len(rows):
-        first, found, by_chance = p, 0, 0.0
-        while p < len(rows) and rows[p] == rows[first]:
+@compiled("found i0 i0", inner=True, found=FOUND)
+def parts_between(found: Found, first: int, last: int) -> Parts:
+    """The parts of edges that the points from row `first` up to `last` belong to."""
+    parts, share, expected, p = 0, 0.0, 0.0, first
+    by_candidate = 1.0 - found.width_px / found.half_px
+    while p < last:
+        start, inliers, by_chance = p, 0, 0.0
+        while p < last and found.rows[p] == found.rows[start]:
             candidates = 0
-            for k in range(distance.shape[1]):
-                candidates += int(distance[p, k] < np.inf)
-            by_chance += 1.0 - (1.0 - width_px / half_px) ** candidates
-            found += int(weight[p] > 0.0)
+            for k in range(found.distance.shape[1]):
+                candidates += int(found.distance[p, k] < np.inf)
+            by_chance += 1.0 - by_candidate**candidates
+            inliers += int(found.weight[p] > 0.0)
             p += 1
-        parts, share, expected = parts + 1, share + found / (p - first), expected + by_chance / (p - first)
-    edges = log10_tail(share, expected, parts)
-    for i in range(len(correlation)):
-        if correlation[i] >= 0.0:
-            parts, expected = parts + 1, expected + width_px / half_px
-            share += 1.0 if patch_weight[i] > 0.0 else 0.0
-    whole = log10_tail(share, expected, parts)
+        parts, share, expected = parts + 1, share + inliers / (p - start), expected + by_chance / (p - start)
+    return Parts(parts, share, expected)
+
+
+@compiled("found", inner=True, found=FOUND)
+def patches_of(found: Found) -> Parts:
+    """The patches that were searched."""
+    patches, share = 0, 0.0
+    for i in range(len(found.correlation)):
+        if found.correlation[i] >= 0.0:
+            patches += 1
+            share += 1.0 if found.patch_weight[i] > 0.0 else 0.0
+    return Parts(patches, share, patches * found.width_px / found.half_px)
+
+
+@compiled("i0 f0 f0 found", inner=True, found=FOUND)
+def chance_of_parts(count: int, share: float, expected: float, found: Found) -> Chance:
+    """Bounds on the probability that a random pose finds as many of these parts of edges, and the patches."""
+    patches = patches_of(found)
+    edges = log10_tail(share, expected, count)
+    whole = log10_tail(share + patches.found, expected + patches.expected, count + patches.count)
     return Chance(edges, min(0.0, min(edges, whole) + math.log10(2.0)))
+
+
+@compiled("found", found=FOUND)
+def chance(found: Found) -> Chance:
+    """Bounds on the probability that a random pose finds as many parts of edges, and patches."""
+    parts = parts_between(found, 0, len(found.rows))
+    return chance_of_parts(parts.count, parts.found, parts.expected, found)
+
+
+@compiled("found i1 f2 f0", found=FOUND)
+def chance_of_lines(found: Found, first: Indices, rays: Array, apart_rad: float) -> Chance:
+    """Bounds as those of `chance`, of which all edges on one straight line of the image count as one.
+
+    first, rays, apart_rad: see `lines_of_edges`.
+    """
+    lines = lines_of_edges(first, rays, apart_rad)
+    counted, share, expected = np.zeros(len(lines)), np.zeros(len(lines)), np.zeros(len(lines))
+    for g in range(len(lines)):
+        parts = parts_between(found, first[g], first[g + 1])
+        counted[lines[g]] += parts.count
+        share[lines[g]] += parts.found
+        expected[lines[g]] += parts.expected
+    for line in range(len(lines)):
+        if counted[line] > PARTS_OF_LINE:
+            part = PARTS_OF_LINE / counted[line]
+            counted[line], share[line], expected[line] = PARTS_OF_LINE, part * share[line], part * expected[line]
+    return chance_of_parts(int(counted.sum()), share.sum(), expected.sum(), found)
+
+
+@compiled("i1 f2 f0", inner=True)
+def lines_of_edges(first: Indices, rays: Array, apart_rad: float) -> Indices:
+    """The line of the image (g,) that each edge is seen on, named by the longest edge there.
+
+    first (g + 1,): first row of each edge, and n; rays (n, 3): unit vectors from the camera to the points; apart_rad:
+    edges of which both ends are no farther than this from a line, or from an edge that is no longer, are on it.
+    """
+    edges = len(first) - 1
+    normals, length, lines = np.zeros((edges, 3)), np.zeros(edges), np.empty(edges, dtype=np.int64)
+    for g in range(edges):
+        normals[g] = np.cross(rays[first[g]], rays[first[g + 1] - 1])
+        length[g] = math.sqrt((normals[g] ** 2).sum())
+    longest, n = np.empty(edges, dtype=np.int64), 0
+    for g in np.argsort(-length, kind="mergesort"):
+        start, end, lines[g] = rays[first[g]], rays[first[g + 1] - 1], g
+        for each in longest[:n]:
+            if length[each] > apart_rad:
+                away = max(abs((normals[each] * start).sum()), abs((normals[each] * end).sum())) / length[each]
+            else:
+                there = rays[first[each]]
+                away = max(np.abs(start - there).max(), np.abs(end - there).max())
+            if away <= apart_rad:
+                lines[g] = each
+                break
+        if lines[g] == g:
+            longest[n] = g
+            n += 1
+    return lines
