@@ -70,7 +70,9 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
             "face opposite ways; close it in your modelling program, or accept it with allow_open = true"
         )
     if volume < 0 and not borders:
-        raise UserError(f"{path}: the mesh is inside out (its faces look inwards); set flip = true or flip its normals")
+        raise UserError(
+            f"{path}: the mesh is inside out (its faces look inwards); flip its normals, or set flip = true in a suite"
+        )
 
 
 class Closedness(NamedTuple):
