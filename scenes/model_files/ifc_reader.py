@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.model_files.mesh_checks import MOST_NODES, MOST_TRIANGLES
+from uavbench.scenes.model_files.face_limits import MOST_TRIANGLES
+from uavbench.scenes.model_files.mesh_checks import MOST_NODES
 from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.processes.reading_apart import refuse
 

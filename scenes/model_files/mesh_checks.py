@@ -1,9 +1,8 @@
 """Validation of a user's model before it is rendered, and where possible before it is parsed."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from uavbench.scenes.model_files.face_limits import MOST_TRIANGLES, check_count
 from uavbench.scenes.model_files.gltf_images import GLB_JSON, check_embedded
 from uavbench.scenes.model_files.model_folder import read_library, textures_of
 from uavbench.scenes.model_files.obj.materials import LIBRARY, libraries, texture_lines
@@ -21,9 +21,6 @@ from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.geometry.winding import merged
 from uavbench.trajectories.pose import Array
 
-MOST_TRIANGLES = 2_000_000
-MOST_SQUARES = 5_000_000
-"""Sum of the squared numbers of corners (beyond three) of all faces: five of 1,000 corners, about a minute."""
 MOST_MATERIALS = 2_000
 """Materials of a file, and textures of glTF: each becomes a piece, and trimesh's time is quadratic in them (2 s)."""
 MOST_NODES = 20_000
@@ -221,33 +218,6 @@ def check_textures(path: Path, pixels: int) -> None:
         raise UserError(
             f"{path}: its textures have {pixels:,} pixels in total, more than {MOST_PIXELS:,}; scale them down"
         )
-
-
-def check_count(path: Path, triangles: int) -> None:
-    """UserError when a model has more than MOST_TRIANGLES triangles."""
-    if triangles > MOST_TRIANGLES:
-        raise UserError(
-            f"{path}: {triangles:,} triangles are more than the {MOST_TRIANGLES:,} that can be handled; "
-            "simplify the model to its planar faces (edges shorter than a few pixels do not help a tracker)"
-        )
-
-
-@dataclass
-class FaceWork:
-    """Faces of a model so far: their triangles, and the squares of their corners, as which ear clipping takes time."""
-
-    path: Path
-    triangles: int = 0
-    squares: int = 0
-
-    def add(self, corners: Iterable[int]) -> None:
-        """Count faces by their numbers of corners; UserError beyond MOST_TRIANGLES or MOST_SQUARES."""
-        for count in corners:
-            self.triangles += count - 2
-            self.squares += (count - 3) ** 2
-        check_count(self.path, self.triangles)
-        if self.squares > MOST_SQUARES:
-            raise UserError(f"{self.path}: its faces have too many corners; split those of more than a hundred")
 
 
 def _check_size(path: Path, data: bytes) -> None:

@@ -13,8 +13,9 @@ from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.model_files.cao import read_cao
+from uavbench.scenes.model_files.face_limits import check_count
 from uavbench.scenes.model_files.ifc import read_ifc
-from uavbench.scenes.model_files.mesh_checks import check, check_count, check_file, check_textures
+from uavbench.scenes.model_files.mesh_checks import check, check_file, check_textures
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap

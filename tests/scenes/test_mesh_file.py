@@ -11,7 +11,7 @@ from PIL import Image
 
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.generate import generate
-from uavbench.scenes.model_files import mesh_checks
+from uavbench.scenes.model_files import face_limits, mesh_checks
 from uavbench.scenes.model_files.mesh_file import MeshFile, read
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.renderables import BuiltStructure
@@ -184,7 +184,8 @@ def test_a_huge_ply_is_refused_by_its_header_alone(tmp_path: Path) -> None:
 
 
 def test_a_huge_obj_is_refused_by_a_glance_at_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_checks, "MOST_TRIANGLES", 11)
+    for module in (face_limits, mesh_checks):
+        monkeypatch.setattr(module, "MOST_TRIANGLES", 11)
     monkeypatch.setattr(mesh_checks, "_obj_wants", lambda path: pytest.fail("it was read"))
     house().export(tmp_path / "big.obj")
     with pytest.raises(UserError, match="12 triangles are more than the 11"):
@@ -192,7 +193,7 @@ def test_a_huge_obj_is_refused_by_a_glance_at_its_lines(tmp_path: Path, monkeypa
 
 
 def test_too_many_triangles_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_checks, "MOST_TRIANGLES", 11)
+    monkeypatch.setattr(face_limits, "MOST_TRIANGLES", 11)
     house().export(tmp_path / "big.ply")
     with pytest.raises(UserError, match="simplify the model"):
         built(tmp_path / "big.ply")

@@ -26,7 +26,7 @@ TABLE = FileLimit("table", 256 * MB, "split the flight into shorter ones")
 TRAJECTORY = FileLimit("trajectory", 1024 * MB, "split the trajectory into shorter ones")
 """MOST_POSES at 128 bytes each."""
 MODEL = FileLimit("model", 512 * MB, "simplify the model to its planar faces")
-"""MOST_TRIANGLES (uavbench.scenes.model_files.mesh_checks) as text, 250 bytes each."""
+"""MOST_TRIANGLES (uavbench.scenes.model_files.face_limits) as text, 250 bytes each."""
 IMAGE = FileLimit("image", 512 * MB, "scale the image down")
 """MOST_PIXELS uncompressed, 3 bytes each."""
 VIDEO = FileLimit("video", 65_536 * MB, "split the video into shorter ones")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.scenes.model_files.mesh_checks import FaceWork
+from uavbench.scenes.model_files.face_limits import FaceWork
 from uavbench.scenes.primitives.solids import polygon_triangles
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array

@@ -58,7 +58,7 @@ FOUND = named_tuple(Found, "i1! f2! f1! f1! f1! f0 f0")
 class Parts(NamedTuple):
     """Number of parts, how many of them are found, and how many chance would find."""
 
-    count: int
+    number: int
     found: float
     expected: float
 
@@ -110,7 +110,7 @@ def chance_of_parts(count: int, share: float, expected: float, found: Found) -> 
     """Bounds on the probability that a random pose finds as many of these parts of edges, and the patches."""
     patches = patches_of(found)
     edges = log10_tail(share, expected, count)
-    whole = log10_tail(share + patches.found, expected + patches.expected, count + patches.count)
+    whole = log10_tail(share + patches.found, expected + patches.expected, count + patches.number)
     return Chance(edges, min(0.0, min(edges, whole) + math.log10(2.0)))
 
 
@@ -118,7 +118,7 @@ def chance_of_parts(count: int, share: float, expected: float, found: Found) -> 
 def chance(found: Found) -> Chance:
     """Bounds on the probability that a random pose finds as many parts of edges, and patches."""
     parts = parts_between(found, 0, len(found.rows))
-    return chance_of_parts(parts.count, parts.found, parts.expected, found)
+    return chance_of_parts(parts.number, parts.found, parts.expected, found)
 
 
 @compiled("found i1 f2 f0", found=FOUND)
@@ -131,7 +131,7 @@ def chance_of_lines(found: Found, first: Indices, rays: Array, apart_rad: float)
     counted, share, expected = np.zeros(len(lines)), np.zeros(len(lines)), np.zeros(len(lines))
     for g in range(len(lines)):
         parts = parts_between(found, first[g], first[g + 1])
-        counted[lines[g]] += parts.count
+        counted[lines[g]] += parts.number
         share[lines[g]] += parts.found
         expected[lines[g]] += parts.expected
     for line in range(len(lines)):
