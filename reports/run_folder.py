@@ -1,5 +1,6 @@
 """A finished run's folder: its scores as a DataFrame, and its runs opened for figures and errors frame by frame."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from uavbench.reports.scoring.runs import ScoredRun
 
 SCORES = "results/*/*/score.json"
+REPORTED = "scores.json"
+"""All scores of a report."""
 SUITE = "suite.json"
 """Description of the suite whose runs are in the folder."""
 RECORDS = "made"
@@ -34,7 +37,7 @@ def load_scores(folder: str | Path) -> "DataFrame":
     """
     from uavbench.reports.scoring.score_frame import FIRST, score_frame
 
-    scores = [read_json(path) for path in _score_files(Path(folder))]
+    scores = [read_json(path) for path in score_files(Path(folder))]
     frame = score_frame([*scores, *_missing(Path(folder), scores)])
     return frame.sort_values(list(FIRST[:5]), ignore_index=True)
 
@@ -51,7 +54,7 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
     """
     from uavbench.reports.scoring.runs import ReportEntry, open_runs
 
-    files = _score_files(Path(folder))
+    files = score_files(Path(folder))
     sequences = Path(folder) / "sequences"
     return open_runs([ReportEntry(sequences / file.parents[1].name, file.parent, file) for file in files])
 
@@ -64,7 +67,7 @@ def _missing(folder: Path, scores: list[dict[str, Any]]) -> list[dict[str, Any]]
 
 def _reported_missing(folder: Path) -> list[dict[str, Any]]:
     """Scores of the report of runs that are missing; none without a report."""
-    report = folder / "scores.json"
+    report = folder / REPORTED
     reported = read_json(report).get("scores", []) if report.is_file() else []
     return [score for score in reported if score.get("status") == "missing"]
 
@@ -73,7 +76,20 @@ def _who(score: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(score.get(key) for key in ("sequence", "label", "rate_hz", "seed"))
 
 
-def _score_files(folder: Path) -> list[Path]:
+def refuse_older_report(folder: Path, rows: list[dict[str, Any]]) -> None:
+    """UserError when a run in the folder has other scores than the rows of its report, or is not among them.
+
+    A folder of a report alone, without results, is as it is.
+    """
+    reported = {_who(row): row for row in rows}
+    for file in score_files(folder) if any(folder.glob(SCORES)) else ():
+        score = read_json(file)
+        row = reported.get(_who(score))
+        if row is None or any(json.dumps(score.get(key)) != json.dumps(value) for key, value in row.items()):
+            raise UserError(f"{folder / REPORTED}: older than {file}; write it again with `uavbench report`")
+
+
+def score_files(folder: Path) -> list[Path]:
     """Files of the current scores of the suite that `suite.json` describes; without it, of all.
 
     UserError without any, and for one that is not current, unless the report says that its run is missing.

@@ -69,7 +69,7 @@ class CameraSpec:
 
     The field of view is that of the pinhole without distortion. lens_blur_px is the standard deviation of the lens's
     point spread function, in addition to the pixel area; at 0 rendered edges alias, otherwise a frame takes 16 renders.
-    UserError when the intrinsics are incomplete or out of range.
+    UserError when the intrinsics are incomplete or out of range, or a field of view is given beside them.
     """
 
     width: Annotated[int, Interval(ge=16, le=LARGEST_SIDE_PX)] = 640
@@ -92,6 +92,8 @@ class CameraSpec:
         given = [value for value in explicit if value is not None]
         if given and len(given) < 4:
             raise UserError("give all of fx_px, fy_px, cx_px, cy_px, or none of them and horizontal_fov_deg")
+        if given and self.horizontal_fov_deg != CameraSpec.horizontal_fov_deg:
+            raise UserError("give either fx_px, fy_px, cx_px, cy_px, or horizontal_fov_deg, not both")
         try:
             if not given:
                 plain = Camera.from_field_of_view(self.width, self.height, self.horizontal_fov_deg)

@@ -5,6 +5,7 @@ A run may use only the arguments that it gets here; docs/my-tracker.md has the s
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import index
 from types import MappingProxyType
 from typing import Literal, Protocol
 
@@ -104,6 +105,18 @@ class BodyTracker(Protocol):
 
 class ImageError(UserError):
     """An image of an unsupported shape or type."""
+
+
+class StampError(UserError):
+    """A stamp that is no whole number of nanoseconds."""
+
+
+def check_stamp(stamp_ns: int) -> int:
+    """The stamp as an integer; StampError for another number, such as seconds."""
+    try:
+        return index(stamp_ns)
+    except TypeError:
+        raise StampError(f"the stamp is {stamp_ns!r}; give whole nanoseconds, as round(1e9 * seconds)") from None
 
 
 def check_image(image: Image, camera: Camera) -> Image:

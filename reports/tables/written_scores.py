@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+from uavbench.reports.run_folder import REPORTED, refuse_older_report
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.tables.columns import COLUMNS, DETAILS
@@ -20,10 +21,15 @@ def table_of(folder: Path) -> Table:
 
 
 def read_scores(folder: Path) -> list[Score]:
-    """Scores of `scores.json` with the times of `latency.json`; UserError naming a file that is missing or invalid."""
-    accuracy, times = (read_json(folder / name, inside=folder, hint=HINT) for name in ("scores.json", "latency.json"))
+    """Scores of `scores.json` with the times of `latency.json`.
+
+    UserError naming a file that is missing or invalid, and for a report that is older than the scores of its folder.
+    """
+    accuracy, times = (read_json(folder / name, inside=folder, hint=HINT) for name in (REPORTED, "latency.json"))
     try:
         timed = {json.dumps([row[key] for key in KEY]): row for row in times["latency"]}
-        return [Score.from_json({**timed[json.dumps([row[k] for k in KEY])], **row}) for row in accuracy["scores"]]
+        scores = [Score.from_json({**timed[json.dumps([row[k] for k in KEY])], **row}) for row in accuracy["scores"]]
     except (KeyError, TypeError, UserError) as error:
-        raise UserError(f"{folder / 'scores.json'}: not the scores of a report with ground truth: {error}") from None
+        raise UserError(f"{folder / REPORTED}: not the scores of a report with ground truth: {error}") from None
+    refuse_older_report(folder, accuracy["scores"])
+    return scores

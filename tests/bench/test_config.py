@@ -101,6 +101,12 @@ def test_three_mistakes_are_told_at_once(tmp_path):
         ),
         ("effects =", "camera = { width = 16_384, height = 16_384 }\neffects =", "sequences.box.camera", "160,000,000"),
         ("effects =", "camera.fx_px = 300.0\neffects =", "sequences.box.camera", "give all of fx_px"),
+        (
+            "effects =",
+            "camera = { fx_px = 300, fy_px = 300, cx_px = 319.5, cy_px = 239.5, horizontal_fov_deg = 60 }\neffects =",
+            "sequences.box.camera",
+            "either fx_px, fy_px, cx_px, cy_px, or horizontal_fov_deg, not both",
+        ),
         ('"indoor" }', '"outdoor", grain = 0.5 }', "sequences.box.environment.grain", "less than or equal to 0.3"),
         ('"indoor" }', '"outdoor", grain = -0.1 }', "sequences.box.environment.grain", "greater than or equal to 0"),
         (

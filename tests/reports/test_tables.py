@@ -1,6 +1,7 @@
 """Tables for papers: bold where it is the best, as wide as a page allows, compiled with TeX where there is one."""
 
 import csv
+import json
 import re
 import shutil
 import subprocess
@@ -164,6 +165,23 @@ def test_the_command_writes_chosen_columns_of_a_report(report: Path, tmp_path: P
     assert "| frame p99 (ms) |" in shown.output and "**" in shown.output
     assert CliRunner().invoke(main, ["tables", str(report), "--columns", "ATE"]).exit_code == 2
     assert CliRunner().invoke(main, ["tables", str(tmp_path)]).exit_code == 2
+
+
+def test_a_report_that_is_older_than_the_scores_gives_no_table(report: Path, tmp_path: Path) -> None:
+    """`uavbench score` writes scores, but no report: its table is not theirs."""
+    folder = shutil.copytree(report, tmp_path / "out")
+    scores = json.loads((folder / "scores.json").read_text())["scores"]
+    files = [folder / "results" / row["sequence"] / f"{row['label']}@{row['rate_hz']:g}hz/score.json" for row in scores]
+    for file, row in zip(files, scores, strict=True):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps({**row, "latency": {"total_ms": 1.0}}))
+    assert CliRunner().invoke(main, ["tables", str(folder)]).exit_code == 0
+    files[0].write_text(json.dumps({**scores[0], "tracking": {"coverage": 0.123}}))
+    stale = CliRunner().invoke(main, ["tables", str(folder)])
+    assert stale.exit_code == 2
+    assert f"scores.json: older than {files[0]}; write it again with `uavbench report`" in stale.output
+    files[0].write_text(json.dumps({**scores[0], "label": "new"}))
+    assert CliRunner().invoke(main, ["tables", str(folder)]).exit_code == 2
 
 
 def test_a_name_with_every_special_character_is_escaped() -> None:

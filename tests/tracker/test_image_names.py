@@ -85,6 +85,13 @@ def test_images_of_takes_are_in_the_order_of_their_counts(tmp_path):
     assert [path.name for path in in_order(tmp_path)] == names
 
 
+def test_images_of_every_kind_that_can_be_read_are_taken(tmp_path):
+    names = [f"{k}.{kind}" for k, kind in enumerate(["png", "JPG", "jpeg", "bmp", "tif", "tiff", "ppm", "pgm", "webp"])]
+    for name in [*names, "9.txt", "10.csv"]:
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names
+
+
 def test_two_files_of_one_image_are_refused():
     refuse_twins(named("1.png", "01.png", "2.jpg"))
     with pytest.raises(UserError, match=r"flight: has 1\.jpg and 1\.png, which would count as two images; keep"):

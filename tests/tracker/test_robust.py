@@ -15,7 +15,7 @@ from uavbench.tracker.geometry_kernels import (
     se3_log_left,
     solve6,
 )
-from uavbench.tracker.protocol import ImageError
+from uavbench.tracker.protocol import ImageError, StampError
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
@@ -194,6 +194,15 @@ def test_bad_frames_are_lost_without_an_exception(flight):
         run.track(images[1][:240], 2 * STEP_NS)  # a mistake of the caller's, which tells nothing of the flight
     assert run.track(images[0], 3 * STEP_NS).status == "lost"  # a frozen image says nothing of now
     assert run.track(images[2], 4 * STEP_NS).status == "ok"
+
+
+@pytest.mark.parametrize("stamp", [0.0666, 66_666_667.0, "1", None, np.float64(1e9)])
+def test_stamps_that_are_no_whole_nanoseconds_are_refused(flight, stamp):
+    """Seconds would be frames 0.07 ns apart, between which nothing moves."""
+    poses, images = flight
+    with pytest.raises(StampError, match="give whole nanoseconds"):
+        started(poses[0]).track(images[0], stamp)
+    assert started(poses[0]).track(images[0], np.int64(STEP_NS)).status == "ok"
 
 
 def test_grey_frames_are_frames(flight):

@@ -27,7 +27,7 @@ from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 UNKNOWN_BODY = Body(Pose.identity(), {})
 """Mounting of the camera, which is unknown for real images."""
 SHOWN_HZ = (0.1, 1000.0)

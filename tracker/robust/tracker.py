@@ -6,7 +6,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_stamp
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision import Decider, Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
@@ -69,9 +69,9 @@ class RobustRun:
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate the pose of the next frame; `lost` also where the stamp goes back or the image is frozen.
 
-        ImageError for an image of another size or type.
+        ImageError for an image of another size or type, StampError for a stamp that is not in whole nanoseconds.
         """
-        image = check_image(image, self.camera)
+        image, stamp_ns = check_image(image, self.camera), check_stamp(stamp_ns)
         clock = StageClock()
         expected, self.expected = self.expected, None
         if not self.frames.is_new(image, stamp_ns):
