@@ -43,9 +43,19 @@ def tracked():
 )
 def test_a_search_is_not_put_off_where_chance_may_have_found_the_fit(tracked, support, log10_chance, due):
     """A million poses of a search: one of them is expected to find as much by chance where that is 1e-6 for each."""
-    tracked.run.decider.until_search = SEARCH_EVERY
+    tracked.run.decider.until_search, tracked.run.decider.searched_suspect = SEARCH_EVERY, False
     fit = replace(tracked.fit, support=support, chance=Chance(log10_chance, log10_chance))
     assert tracked.run.decider.search_is_due(tracked.frame, fit) == due
+
+
+def test_the_search_for_a_fit_that_chance_may_have_found_is_put_off_once_it_was_made(tracked):
+    decider, fit = tracked.run.decider, replace(tracked.fit, support=0.65, chance=Chance(-5.9, -5.9))
+    decider.until_search = SEARCH_EVERY
+    for searched_suspect in (False, True):
+        decider.searched_suspect = searched_suspect
+        assert decider.search_is_due(tracked.frame, fit) != searched_suspect
+    decider.until_search = -1
+    assert decider.search_is_due(tracked.frame, fit)
 
 
 def test_after_a_long_interval_support_alone_counts(tracked):

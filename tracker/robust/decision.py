@@ -15,7 +15,7 @@ from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.relocalization.doubts import Doubts
-from uavbench.tracker.robust.relocalization.ranking import Contender, Sought, believed_support
+from uavbench.tracker.robust.relocalization.ranking import Contender, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -61,7 +61,7 @@ class Decider:
         self.relocator = Relocator(fitter, camera)
         self.doubts = Doubts(self.relocator)
         self.places = Places(fitter.edges, camera, config.relocalization.search.view_step_rad, fitter.rng)
-        self.until_search = 0
+        self.until_search, self.searched_suspect = 0, False
         self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
@@ -177,6 +177,7 @@ class Decider:
             found = self.recover(frame, fit)
         if found.settled and not self.relocator.under_way:
             self.until_search = 0 if found.fit is not fit else SEARCH_EVERY
+            self.searched_suspect = is_suspect(fit)
         return found
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
@@ -229,16 +230,16 @@ class Decider:
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
         """Whether a fit's support is so low that a pose search is required.
 
-        A fit that chance would find among the poses of a search is believed as little here as there. After a long
-        frame interval it is compared with other poses anyway.
+        A fit that chance would find among the poses of a search is believed as little here as there, and is not put off
+        for a search of another fit. After a long frame interval it is compared with other poses anyway.
         """
         loss, slow = self.config.loss, self.is_slow(frame)
-        support = fit.support if slow else believed_support(fit)
+        suspect = not slow and is_suspect(fit)
         wanted = self.state.usual_or_good() if slow else self.config.good_support
-        if support >= wanted:
+        if not suspect and fit.support >= wanted:
             return False
-        due = self.until_search < 0 or self.relocator.under_way
-        return slow or due or not support >= loss.min_support
+        put_off = self.until_search >= 0 and not self.relocator.under_way and self.searched_suspect >= suspect
+        return slow or not put_off or not fit.support >= loss.min_support
 
     def recalled(self, frame: Frame, fit: Fit) -> list[Pose]:
         """Likely poses of a frame that the prediction does not explain, by what the run has seen before.

@@ -179,6 +179,11 @@ def ends_at(fit: Fit, other: Fit, sigma: float, range_m: float) -> bool:
     return float(apart @ apart) < 1.0
 
 
+def is_suspect(fit: Fit) -> bool:
+    """Whether a random one of the poses of a search may look as right."""
+    return fit.log10_false_alarms(SEARCHED_POSES) >= 0.0
+
+
 def believed_support(fit: Fit) -> float:
     """Support of a fit in a search; less than any frame needs where a random one of its poses may look as right."""
-    return fit.support * (DOUBT if fit.log10_false_alarms(SEARCHED_POSES) >= 0.0 else 1.0)
+    return fit.support * (DOUBT if is_suspect(fit) else 1.0)
