@@ -63,6 +63,9 @@ class Parts(NamedTuple):
     expected: float
 
 
+PARTS = named_tuple(Parts, "i0 f0 f0")
+
+
 @compiled("f0 f0 i0", inner=True)
 def log10_tail(found: float, expected: float, n: int) -> float:
     """log10 of Chernoff's bound on the probability that so many or more of n are found, where `expected` are."""
@@ -105,20 +108,19 @@ def patches_of(found: Found) -> Parts:
     return Parts(patches, share, patches * found.width_px / found.half_px)
 
 
-@compiled("i0 f0 f0 found", inner=True, found=FOUND)
-def chance_of_parts(count: int, share: float, expected: float, found: Found) -> Chance:
+@compiled("parts found", inner=True, parts=PARTS, found=FOUND)
+def chance_of_parts(parts: Parts, found: Found) -> Chance:
     """Bounds on the probability that a random pose finds as many of these parts of edges, and the patches."""
     patches = patches_of(found)
-    edges = log10_tail(share, expected, count)
-    whole = log10_tail(share + patches.found, expected + patches.expected, count + patches.number)
+    edges = log10_tail(parts.found, parts.expected, parts.number)
+    whole = log10_tail(parts.found + patches.found, parts.expected + patches.expected, parts.number + patches.number)
     return Chance(edges, min(0.0, min(edges, whole) + math.log10(2.0)))
 
 
 @compiled("found", found=FOUND)
 def chance(found: Found) -> Chance:
     """Bounds on the probability that a random pose finds as many parts of edges, and patches."""
-    parts = parts_between(found, 0, len(found.rows))
-    return chance_of_parts(parts.number, parts.found, parts.expected, found)
+    return chance_of_parts(parts_between(found, 0, len(found.rows)), found)
 
 
 @compiled("found i1 f2 f0", found=FOUND)
@@ -138,7 +140,7 @@ def chance_of_lines(found: Found, first: Indices, rays: Array, apart_rad: float)
         if counted[line] > PARTS_OF_LINE:
             part = PARTS_OF_LINE / counted[line]
             counted[line], share[line], expected[line] = PARTS_OF_LINE, part * share[line], part * expected[line]
-    return chance_of_parts(int(counted.sum()), share.sum(), expected.sum(), found)
+    return chance_of_parts(Parts(int(counted.sum()), share.sum(), expected.sum()), found)
 
 
 @compiled("i1 f2 f0", inner=True)
