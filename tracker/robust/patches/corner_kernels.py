@@ -140,3 +140,16 @@ def first_hits(eye: Array, rays: Array, triangles: Triangles) -> Indices:
     for k in range(len(rays)):
         faces[k] = first_hit(eye, rays[k], triangles)
     return faces
+
+
+@compiled("f1 f3 triangles", triangles=TRIANGLES)
+def faces_of_all(eye: Array, rays: Array, triangles: Triangles) -> Indices:
+    """The face (n,) that all m rays (n, m, 3) from the viewpoint `eye` hit first, -1 where they hit several or none."""
+    faces = np.empty(len(rays), np.int64)
+    for k in range(len(rays)):
+        faces[k] = first_hit(eye, rays[k, 0], triangles)
+        for m in range(1, rays.shape[1]):
+            if faces[k] < 0 or first_hit(eye, rays[k, m], triangles) != faces[k]:
+                faces[k] = -1
+                break
+    return faces

@@ -17,7 +17,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.columns import BESIDE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
-from uavbench.tracker.robust.patches.corner_kernels import KeepOut, first_hit, strong_pixels
+from uavbench.tracker.robust.patches.corner_kernels import KeepOut, faces_of_all, strong_pixels
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
 from uavbench.tracker.robust.patches.patch_kernels import Ages, align, choose, count_hits, shift_places
 from uavbench.tracker.robust.view import View
@@ -110,13 +110,13 @@ class Texture:
         grid = pixels[:, None] + around
         rays = (self.camera.rays(grid.reshape(-1, 2)) @ pose.rotation).reshape(-1, len(around), 3)
         p, reach, channel = self.patches, int(HALF), 1 if image.shape[2] > 1 else 0
-        for (x, y), ray in zip(pixels.astype(int).tolist(), rays, strict=True):
-            hit = {first_hit(eye, r, self.edges.triangles) for r in ray}
-            face = hit.pop() if len(hit) == 1 else -1  # the whole patch is on one face
+        faces = faces_of_all(eye, rays, self.edges.triangles)  # the whole patch is on one face
+        on = faces >= 0
+        for (x, y), ray, face in zip(pixels[on].astype(int).tolist(), rays[on], faces[on].tolist(), strict=True):
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
-            if face < 0 or norm < self.noise_grey * SIDE:
+            if norm < self.noise_grey * SIDE:
                 continue
             plane = self.edges.planes[face]
             points = eye + ray[:3] * ((plane[3] - plane[:3] @ eye) / (ray[:3] @ plane[:3]))[:, None]
