@@ -25,7 +25,7 @@ MIN_POINTS = 6
 """Least number of control points or patches for a fit, and of patches that make a wide search of edges unnecessary:
 these give two equations each, and thus twice as many as a pose has unknowns."""
 TAKE_EVERY = 4
-"""Frames between searches for new patches while enough are found: limits their time."""
+"""Frames between searches for new patches while enough are found, or after one that found none: limits their time."""
 
 
 class Memory(NamedTuple):
@@ -69,7 +69,7 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, dt_s: float, good_suppor
     if hits:
         twist = biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
         texture.shift(faces, twist, pose)  # others keep their places: the frame says nothing of them
-    due = hits < MIN_POINTS or memory.frames % TAKE_EVERY == 0
+    due = (hits < MIN_POINTS and not texture.barren) or memory.frames % TAKE_EVERY == 0
     if due and hits < MOST_USED and fit.edge_support >= good_support:
         if not hits:
             biases.begin(used.edges, used.sums, used.step, used.prior_information, pose)

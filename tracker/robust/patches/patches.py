@@ -52,6 +52,7 @@ class Texture:
         self.patches = Patches.room_for(MAX_PATCHES)
         self.chosen = np.zeros(0, dtype=np.int64)
         self.turn = 0
+        self.barren = False
         self.now_s = 0.0
 
     def __len__(self) -> int:
@@ -88,8 +89,9 @@ class Texture:
         """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges.
 
         The least strength of a corner is what the most noise left in a frame alone is expected to give: the variance of
-        half the difference of two pixels.
+        half the difference of two pixels. `barren` tells afterwards that there were none.
         """
+        self.barren = True
         if self.count > MAX_PATCHES - MOST_USED:
             order = np.argsort(-self.patches.hits[: self.count], kind="stable")
             self._keep(np.argsort(order, kind="stable") < MAX_PATCHES * 3 // 4)
@@ -120,7 +122,7 @@ class Texture:
                 continue
             plane = self.edges.planes[face]
             points = eye + ray[:3] * ((plane[3] - plane[:3] @ eye) / (ray[:3] @ plane[:3]))[:, None]
-            row = self.count
+            row, self.barren = self.count, False
             p.middles[row], p.axes[row], p.texels[row] = points[0], points[1:] - points[0], texels / norm
             p.face[row], p.missed[row], p.hits[row] = face, 0, 0
             p.taken_s[row] = self.now_s
