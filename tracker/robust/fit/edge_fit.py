@@ -21,13 +21,11 @@ from uavbench.tracker.robust.edges.step_kernels import Optics
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
-    found_parts,
     offset_variances,
     point_variances,
-    support,
     weights_in_view,
 )
-from uavbench.tracker.robust.fit.false_alarms import Found, chance
+from uavbench.tracker.robust.fit.judging import Judge
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory, Seen, learn_edges, learn_patches, learn_response
 from uavbench.tracker.robust.fit.pose_fit import (
@@ -35,7 +33,6 @@ from uavbench.tracker.robust.fit.pose_fit import (
     NO_MEASUREMENTS,
     Aligned,
     Fit,
-    FitResiduals,
     Located,
     Problem,
     Searched,
@@ -50,7 +47,6 @@ from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
-from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
@@ -97,6 +93,11 @@ class EdgeFitter:
         return Optics(self.response.light, self.blur.px)
 
     @property
+    def judge(self) -> Judge:
+        """What finds are judged by, as learned so far."""
+        return Judge(self.appearance, self.weak_step, self.values.widths)
+
+    @property
     def memory(self) -> Memory:
         """What was learned, which `forget` leaves as it is."""
         return Memory(self.texture, self.biases, self.appearance, self.learned)
@@ -139,7 +140,7 @@ class EdgeFitter:
             return found
         at = self.locate(found, clock) if self.sharp else unlocated(found, self.response.numbers)
         with clock.stage("support"):
-            return self.judge(found, at)
+            return self.judge.fit(found, at)
 
     def searched(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
@@ -149,7 +150,7 @@ class EdgeFitter:
         if isinstance(found, Fit):
             return found
         with clock.stage("support"):
-            return self.judge(found, unlocated(found, self.response.numbers))
+            return self.judge.fit(found, unlocated(found, self.response.numbers))
 
     def located(self, fit: Fit, clock: StageClock) -> Fit:
         """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
@@ -157,7 +158,7 @@ class EdgeFitter:
             return fit
         at = self.locate(fit.searched, clock)
         with clock.stage("support"):
-            best = self.judge(fit.searched, at)
+            best = self.judge.fit(fit.searched, at)
             return replace(best, support=fit.support, edge_support=fit.edge_support, found=fit.found)
 
     def search(
@@ -249,71 +250,6 @@ class EdgeFitter:
         last = self.values.widths.last
         estimate = self.solve(problem, measured, aligned.matches, found.edges, view, last)
         return Located(estimate, steps.steps, steps.by_response)
-
-    def judge(self, searched: Searched, at: Located) -> Fit:
-        """The fit to the matches of a search, at an estimate from them, with the support that they have."""
-        problem, aligned, found, chosen = searched
-        points, correlation, matched = problem.points, aligned.matches.correlation, found.estimate.weighting
-        share = support(
-            found.measured,
-            problem.counts,
-            matched.weight,
-            matched.patch_weight,
-            correlation,
-            self.appearance,
-            self.weak_step,
-        )
-        (R, t, step, sums, weighting), n = at.estimate, len(points.points)
-        evidence = self.found(searched, weighting)
-        middle = points.points[n // 2] if n else np.full(3, np.nan)
-        return Fit(
-            Pose(R, t),
-            inverse6(step.information),
-            share.whole,
-            n,
-            int(np.count_nonzero(found.measured.candidates.distance < np.inf)),
-            int(np.count_nonzero(weighting.weight) + np.count_nonzero(weighting.patch_weight)),
-            float(R[2] @ middle + t[2]),
-            share.edges,
-            float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
-            chance(evidence),
-            evidence,
-            FitResiduals(
-                points,
-                chosen,
-                correlation,
-                weighting,
-                found.edges,
-                sums,
-                step,
-                problem.prior.information,
-                at.steps,
-                at.by_response,
-            ),
-            searched,
-        )
-
-    def found_parts(self, searched: Searched) -> Array:
-        """Part (n,) of each control point that a search found."""
-        found = searched.found
-        return found_parts(found.measured, found.estimate.weighting.weight, self.appearance, self.weak_step)
-
-    def found(self, searched: Searched, weighting: Weighting) -> Found:
-        """What these weights say was found."""
-        problem, aligned, solution, _ = searched
-        return Found(
-            problem.points.rows,
-            solution.measured.candidates.distance,
-            weighting.weight,
-            weighting.patch_weight,
-            aligned.matches.correlation,
-            self.values.widths.last_px,
-            self.values.widths.fine_half_px,
-        )
-
-    def log10_chance(self, searched: Searched) -> float:
-        """Decimal logarithm of the bound on the probability that a random pose finds as much as a search did."""
-        return chance(self.found(searched, searched.found.estimate.weighting)).whole
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""

@@ -207,13 +207,13 @@ class Relocator:
         top, least = ranking.top, self.fitter.config.initialization.min_support
         if top.searched is None:
             return []
-        most = self.fitter.log10_chance(top.searched)
+        most = self.fitter.judge.log10_chance(top.searched)
         return [
             fit
             for fit in ranking.fits
             if fit.searched is not None
             and fit.support >= least
-            and self.fitter.log10_chance(fit.searched) < most
+            and self.fitter.judge.log10_chance(fit.searched) < most
             and not ends_at(fit, top, self.config.found_sigma, ranking.range_m)
             and not self.rivals.look_alike(top, fit, ranking.range_m)
         ]

@@ -135,7 +135,7 @@ class Rivals:
         """The control points that a shift (3,) brings onto edges."""
         points, counts = searched.problem.points, searched.problem.counts
         onto = self.similarity.on_edges(points.points + shift, self.along(searched))
-        return SharedPoints(counts[onto], self.fitter.found_parts(searched)[onto])
+        return SharedPoints(counts[onto], self.fitter.judge.parts(searched)[onto])
 
     def along(self, searched: Searched) -> Array:
         """Unit directions (n, 3) of the edges of control points."""
