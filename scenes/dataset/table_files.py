@@ -17,7 +17,7 @@ from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE
 from uavbench.trajectories.pose import Array
 
-FORMAT = 6
+FORMAT = 7
 """Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
 
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
@@ -25,7 +25,7 @@ FORMAT = 6
 4: edges by the outlines of triangles, before by four samples per pixel.
 5: what lies 2 mm before a surface is before it at all distances; with distortion, depth and masks at pixel centres.
 6: the files of depth, flow and normals are compressed further; with distortion, depth and masks at edges are those of
-the nearest facet; hills, ground and plants of a site.
+the nearest facet; hills, ground and plants of a site. 7: a point is hidden where a surface is before its own place.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

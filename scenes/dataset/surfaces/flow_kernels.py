@@ -61,10 +61,10 @@ class RowScratch(NamedTuple):
     """A row of w pixels: columns (w,), their places (2, w) in the rendered image and points (3, w) in the later
     camera's frame, whose first two coordinates `project` divides by the third.
 
-    later and rendered (2, w): places of the points in the camera's later image and in the rendered one, px; nearest
-    (2, w): the rendered pixels next to them; known (w,): 1 where there is a flow; codes (2, 3, w): the numbers of
-    the files, the first byte the higher, of a row and of the one above it, in turns; words (3 w,): their residuals;
-    listed (w,): some columns.
+    later and rendered (2, w): places of the points in the camera's later image and in the rendered one, px; first
+    (2, w): the first of the two rendered pixels about them along each axis; known (w,): 1 where there is a flow; codes
+    (2, 3, w): the numbers of the files, the first byte the higher, of a row and of the one above it, in turns; words
+    (3 w,): their residuals; listed (w,): some columns.
     """
 
     columns: Array
@@ -75,7 +75,7 @@ class RowScratch(NamedTuple):
     known: NDArray[np.uint8]
     codes: NDArray[np.uint16]
     words: NDArray[np.uint16]
-    nearest: NDArray[np.int32]
+    first: NDArray[np.int32]
     listed: NDArray[np.int32]
 
     @classmethod
@@ -136,7 +136,8 @@ def flow_rows(shown: Any, motions: Any, lens: Any, seen: Any, facets: Any, scrat
 
     seen (h', w') and facets: what was rendered later. out: filtered rows (h, 1 + 6 w) of a PNG file, residuals against
     the row above of u v known in 16 bits, the first byte the higher; and the occlusion (h, w), UNKNOWN where it must
-    stay so. A point is HIDDEN where all four rendered pixels around it show other facets, BEFORE it.
+    stay so. A point is HIDDEN where a facet that one of the four rendered pixels around it shows is at its place,
+    BEFORE it.
     """
     codes, occlusion = out
     scratch.codes[1] = 0
@@ -266,14 +267,14 @@ def _code_axis(later: Any, here: Any, known: Any, out: Any) -> None:
 def _hide(shown: Any, seen: Any, facets: Any, i: int, scratch: Any, occlusion: Any) -> None:
     """Occlusion (w,) of row i, UNKNOWN where no flow is known."""
     h, w = shown.rows.shape
-    later, rendered, nearest, rows = scratch.later, scratch.rendered, scratch.nearest, shown.rows[i]
+    later, rendered, first, rows = scratch.later, scratch.rendered, scratch.first, shown.rows[i]
     for j in range(w):
         u, v = later[0, j], later[1, j]
         inside = (u >= -0.5) & (u <= w - 0.5) & (v >= -0.5) & (v <= h - 0.5)
         occlusion[j] = np.uint8((SEEN if inside else OUTSIDE) if scratch.known[j] else UNKNOWN)
-    _round(rendered[0], occlusion, seen.shape[1], nearest[0])
-    _round(rendered[1], occlusion, seen.shape[0], nearest[1])
-    for k in range(_list_others(seen, nearest, rows, occlusion, scratch.listed)):
+    _first_of_two(rendered[0], occlusion, seen.shape[1], first[0])
+    _first_of_two(rendered[1], occlusion, seen.shape[0], first[1])
+    for k in range(_list_others(seen, first, rows, occlusion, scratch.listed)):
         j = scratch.listed[k]
         near = shown.near[i, j] / scratch.points[2, j]
         if _is_behind(seen, facets, rows[j], (rendered[0, j], rendered[1, j]), near):
@@ -281,32 +282,36 @@ def _hide(shown: Any, seen: Any, facets: Any, i: int, scratch: Any, occlusion: A
 
 
 @compiled
-def _round(values: Any, occlusion: Any, size: int, out: Any) -> None:
-    """Pixels nearest to values (w,) of points that are SEEN, within 0 .. size - 1; 0 of others."""
-    last = np.float64(size - 1)
+def _first_of_two(values: Any, occlusion: Any, size: int, out: Any) -> None:
+    """The first of the two pixels about values (w,) of points that are SEEN, within 0 .. size - 2; 0 of others."""
+    last = np.float64(size - 2)
     for j in range(out.size):
-        nearest = min(max(np.floor(values[j] + 0.5), 0.0), last)
-        out[j] = np.int32(nearest if occlusion[j] == SEEN else 0.0)
+        first = min(max(np.floor(values[j]), 0.0), last)
+        out[j] = np.int32(first if occlusion[j] == SEEN else 0.0)
 
 
 @compiled
-def _list_others(seen: Any, nearest: Any, rows: Any, occlusion: Any, listed: Any) -> int:
-    """List the columns of points that are SEEN where the pixel nearest to them shows another facet; returns how many.
+def _list_others(seen: Any, first: Any, rows: Any, occlusion: Any, listed: Any) -> int:
+    """List the columns of points that are SEEN where a pixel of the four about them shows another facet; how many.
 
     Without a branch, which would often be mispredicted.
     """
     facets, width, count = seen.reshape(-1), np.int32(seen.shape[1]), np.uint64(0)
     for j in range(rows.size):
-        nearest[0, j] += width * nearest[1, j]
+        first[0, j] += width * first[1, j]
+    below = np.uint64(width)
     for j in range(np.uint64(rows.size)):
         listed[count] = j
-        count += np.uint64((facets[np.uint64(nearest[0, j])] != rows[j]) & (occlusion[j] == SEEN))
+        at, row = np.uint64(first[0, j]), rows[j]
+        other = (facets[at] != row) | (facets[at + np.uint64(1)] != row)
+        other |= (facets[at + below] != row) | (facets[at + below + np.uint64(1)] != row)
+        count += np.uint64(other & (occlusion[j] == SEEN))
     return int(count)
 
 
 @inlined
 def _is_behind(seen: Any, facets: Any, row: Any, place: Any, near: float) -> bool:
-    """Whether the four rendered pixels around a place, px, show other facets than a point's, before it.
+    """Whether a facet that one of the four rendered pixels around a place, px, shows is at that place before a point's.
 
     near: the inverse depth of the point there, 1/m. Beyond the image its first or last pixels count.
     """
@@ -314,18 +319,24 @@ def _is_behind(seen: Any, facets: Any, row: Any, place: Any, near: float) -> boo
     column, line = int(np.floor(u)), int(np.floor(v))
     left, right = _clipped(column, seen.shape[1]), _clipped(column + 1, seen.shape[1])
     top, bottom = _clipped(line, seen.shape[0]), _clipped(line + 1, seen.shape[0])
-    a, b, c, d = seen[top, left], seen[top, right], seen[bottom, left], seen[bottom, right]
-    if (a == row) | (b == row) | (c == row) | (d == row) | (min(a, b, c, d) < 0):
-        return False
-    if not near > 0.0:
-        return True
     outlines = facets.outlines
-    for facet in (a, b, c, d):
+    for facet in (seen[top, left], seen[top, right], seen[bottom, left], seen[bottom, right]):
+        if (facet < 0) | (facet == row):
+            continue
         if np.isnan(outlines[facet, 3, 2]):
             ready(facets, facet)
-        if not near < (1 - BEFORE) * nearness(outlines, facet, u, v):
-            return False
-    return True
+        if near < (1 - BEFORE) * nearness(outlines, facet, u, v) and _covers(outlines, facet, u, v):
+            return True
+    return False
+
+
+@inlined
+def _covers(outlines: Any, facet: Any, u: float, v: float) -> bool:
+    """Whether a facet is at a place in the image."""
+    inside = True
+    for i in range(3):
+        inside &= outlines[facet, i, 0] * u + outlines[facet, i, 1] * v + outlines[facet, i, 2] >= 0.0
+    return inside
 
 
 @compiled
