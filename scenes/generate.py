@@ -26,7 +26,7 @@ from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.frames import Filming, write_frames
 from uavbench.scenes.png.encoder import ENCODING
-from uavbench.scenes.renderables import BuiltSite
+from uavbench.scenes.renderables import BuiltSite, Room
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene, build_scene
@@ -38,7 +38,7 @@ from uavbench.trajectories.files.origin import refuse_foreign
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.kernels.warm_up import prepare
-from uavbench.trajectories.pose import Pose, rotation_from_quaternion
+from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import write_flight
 from uavbench.trajectories.simulation.checks import check_camera
@@ -50,6 +50,8 @@ __all__ = ["Motion", "camera_path", "check_first_view", "generate", "mounted_pat
 LEAST_SHARE_IN_VIEW = 0.005
 LEAST_ABOVE_GROUND_M = 0.1
 """Least height of a camera above the ground of a site, metres; the renderer's near plane is at 0.05 m."""
+LEAST_TO_WALLS_M = 0.1
+"""Least distance of a camera and of the vehicle's middle from the walls and the ceiling of a room, metres."""
 
 
 def generate(
@@ -67,6 +69,7 @@ def generate(
     main, *others = cameras = cameras_of(spec)
     for camera in cameras:
         check_site(spec, camera, scene.site, flight)
+        check_room(spec, camera, scene.room, flight)
     exposures = [exposures_of(spec, camera, flight) for camera in cameras]
     lenses = [lens_of(spec, camera) for camera in cameras]
     for camera in others:
@@ -131,8 +134,7 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
     """UserError when a camera comes closer than LEAST_ABOVE_GROUND_M to the ground of a site, or behind a neighbour."""
     if site is None:
         return
-    offset_m = camera.mount.at_rest.cam_from_body.inverse().translation
-    centres = flight.positions_m + exact.product(rotation_from_quaternion(flight.quaternions_wxyz), offset_m)
+    centres = _centres(camera, flight)
     under = site.height(centres[:, :2]) + LEAST_ABOVE_GROUND_M - centres[:, 2]
     if (under > 0).any():
         row = int(np.argmax(under))
@@ -150,6 +152,28 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
             f"{y:.2f}, {z:.2f}) m: a neighbouring building stands there or before the structure; keep the path nearer, "
             "or raise environment.site.neighbours_from_m"
         )
+
+
+def check_room(spec: SequenceSpec, camera: BodyCamera, room: Room | None, flight: Flight) -> None:
+    """UserError when a camera or the vehicle comes closer than LEAST_TO_WALLS_M to a wall or the ceiling of a room."""
+    if room is None:
+        return
+    to_walls = np.minimum(room.to_walls(flight.positions_m), room.to_walls(_centres(camera, flight)))
+    row = int(np.argmin(to_walls))
+    if to_walls[row] < LEAST_TO_WALLS_M:
+        x, y, z = flight.positions_m[row]
+        raise UserError(
+            f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
+            f"{y:.2f}, {z:.2f}) m: a wall or the ceiling of the room, {room.side_m:.1f} m wide and {room.height_m:.1f} "
+            "m high, is in the way; raise environment.room_m or environment.height_m, or bring the path nearer"
+        )
+
+
+def _centres(camera: BodyCamera, flight: Flight) -> Array:
+    """Centres (n, 3) of a camera along a flight, m."""
+    offset_m = camera.mount.at_rest.cam_from_body.inverse().translation
+    turned: Array = exact.product(rotation_from_quaternion(flight.quaternions_wxyz), offset_m)
+    return flight.positions_m + turned
 
 
 @dataclass(frozen=True, eq=False)

@@ -168,6 +168,22 @@ class BuiltSite:
 
 
 @dataclass(frozen=True, eq=False)
+class Room:
+    """A square room above the floor: its side and height, m; turn (3, 3) and place (3,) of its middle in the world."""
+
+    side_m: float
+    height_m: float
+    turn: Array
+    place: Array
+
+    def to_walls(self, points: Array) -> Array:
+        """Distance (n,) of points (n, 3) in the world to the nearest wall or the ceiling, m; negative outside."""
+        x, y, z = ((points - self.place) @ self.turn).T
+        to_walls: Array = np.minimum(0.5 * self.side_m - np.maximum(np.abs(x), np.abs(y)), self.height_m - z)
+        return to_walls
+
+
+@dataclass(frozen=True, eq=False)
 class BuiltEnvironment:
     """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.
 
@@ -175,6 +191,7 @@ class BuiltEnvironment:
     the zenith down. Without textures each part of the structure has the mean colour of its texture; sharp ones take
     finer mipmaps. grain is the standard deviation of the log albedo of all surfaces in each octave. site shapes the
     ground to the structure, None for level ground; its second argument is the generator of each stream that it names.
+    room: that around everything, None outdoors.
     """
 
     parts: tuple[Part, ...]
@@ -184,6 +201,7 @@ class BuiltEnvironment:
     sharp: bool = False
     grain: float = 0.0
     site: Callable[[BuiltStructure, Streams], BuiltSite] | None = None
+    room: Room | None = None
 
 
 @dataclass(frozen=True, eq=False)

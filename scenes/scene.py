@@ -10,7 +10,17 @@ import numpy as np
 from uavbench.scenes.clutter.registry import ON_GROUND
 from uavbench.scenes.materials.grain import grained
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
-from uavbench.scenes.renderables import BuiltClutter, BuiltSite, BuiltStructure, Light, Mover, Part, Texture, plain
+from uavbench.scenes.renderables import (
+    BuiltClutter,
+    BuiltSite,
+    BuiltStructure,
+    Light,
+    Mover,
+    Part,
+    Room,
+    Texture,
+    plain,
+)
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import ClutterSpec, SequenceSpec
@@ -43,6 +53,7 @@ class Scene:
     obstacles: ObstacleMesh
     site: BuiltSite | None = None
     sharp: bool = False
+    room: Room | None = None
 
     def renderer(self, width: int, height: int) -> Renderer:
         """A renderer of the scene."""
@@ -98,6 +109,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
         obstacles,
         site,
         environment.sharp,
+        environment.room,
     )
 
 

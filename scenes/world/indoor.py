@@ -10,7 +10,7 @@ from annotated_types import Gt, Interval
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.primitives.meshes import panel
-from uavbench.scenes.renderables import BuiltEnvironment, Light, Part
+from uavbench.scenes.renderables import BuiltEnvironment, Light, Part, Room
 from uavbench.scenes.world.furniture import Span, Wall, furniture, radiator
 from uavbench.trajectories.pose import Array, rotation_exp
 
@@ -62,7 +62,7 @@ class Indoor:
             shadow_map=False,
             softness_m=0.25 * extent,
         )
-        return BuiltEnvironment(moved, light, sharp=self.sharp_textures)
+        return BuiltEnvironment(moved, light, sharp=self.sharp_textures, room=Room(side, height, turn, place))
 
     def _floor(
         self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator
