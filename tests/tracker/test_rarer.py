@@ -157,3 +157,17 @@ def test_a_pose_that_is_not_known_well_enough_is_tracked_as_ambiguous():
         ]
     assert statuses == {CONFIG.loss.accuracy: {"ok"}, 1e-4: {"ambiguous"}}
     assert errors_m[1e-4] == errors_m[CONFIG.loss.accuracy]
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.1])
+def test_a_pose_is_not_outdone_by_its_own_fits_to_earlier_images(off_m):
+    """They are moved by a prediction, and where that is off they end elsewhere; other poses of then still count."""
+    fit, relocator = ONE_BOX.at(0.0), Relocator(ONE_BOX.fitter, CAMERA)
+    relocator.tried.seen = fit.searched.problem.points.points
+    here, elsewhere = motion(fit.cam_from_world), motion(off(ONE_BOX.pose, 0.25))
+    relocator.move_along(here)
+    relocator.tried.add(here, 0.0, here, 0.9)
+    relocator.tried.add(elsewhere, 0.0, elsewhere, 0.4)
+    relocator.best_before = here
+    relocator.move_along(motion(off(fit.cam_from_world, off_m)))
+    assert relocator.lead(replace(fit, support=0.9)) == pytest.approx(0.5)

@@ -8,9 +8,10 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.geometry_kernels import se3_exp_left
-from uavbench.tracker.robust.decision import SEARCH_EVERY
+from uavbench.tracker.robust.decision import SEARCH_EVERY, Decision
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.motion_model import PredictionErrors
+from uavbench.tracker.robust.relocalization.relocate import Relocalized
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
@@ -77,3 +78,28 @@ def test_a_track_of_little_support_goes_on_where_the_predictions_of_the_run_are_
     )
     fit = replace(tracked.fit, cam_from_world=Pose(*aside), edge_support=0.6, chance=Chance(-7.0, -7.0))
     assert replace(state, prediction_errors=errors).is_there(fit, predicted, recent=True) == goes_on
+
+
+@pytest.mark.parametrize(("step_s", "put_off"), [(0.067, True), (0.1, True), (0.2, False)])
+def test_a_search_is_put_off_only_where_frames_have_the_least_budget(tracked, monkeypatch, step_s, put_off):
+    """Eight frames at 5 Hz are 1.6 s, in which a track of little support slips to neighbouring edges."""
+    decider, fit = tracked.run.decider, replace(tracked.fit, support=0.55, chance=Chance(-30.0, -30.0))
+    decider.until_search = -1
+    monkeypatch.setattr(decider, "recover", lambda frame, fit: Decision(fit, True))
+    frame = tracked.frame._replace(step_s=step_s)
+    decider.initialized_or_recovered(frame, fit, StageClock())
+    decider.until_search -= 1
+    assert decider.search_is_due(frame, fit) != put_off
+
+
+def test_a_track_goes_on_by_the_fit_that_begins_where_it_ends(tracked, monkeypatch):
+    """Where the prediction is off, the points of the fit from there are partly those that the pose does not show."""
+    decider, frame = tracked.run.decider, tracked.frame
+    weak = replace(tracked.fit, support=0.45, edge_support=0.45, chance=Chance(-7.0, -7.0))
+    again = replace(tracked.fit, support=0.57, edge_support=0.57, chance=Chance(-14.0, -14.0))
+    outcome = Relocalized(again, 0.12, False, False, False, False, True, ())
+    for found, settled in ((outcome, True), (outcome._replace(fit=weak), False)):
+        monkeypatch.setattr(decider.relocator, "search", lambda sought, found=found: found)
+        monkeypatch.setattr(tracked.run.state, "is_lost", True)
+        decision = decider.recover(frame, weak)
+        assert decision.settled == settled and decision.fit is found.fit

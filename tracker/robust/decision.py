@@ -22,7 +22,9 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 SEARCH_EVERY = 8
-"""Frames between searches that find nothing better, while support is sufficient: limits their time."""
+"""Frames between searches that find nothing better, while support is sufficient: limits their time, where frames are so
+close together that their budget is the least one.
+"""
 MOST_GUESSES = 3
 """Hypotheses around whose predictions a pose is searched: limits the time that each of them takes."""
 
@@ -176,7 +178,8 @@ class Decider:
         with clock.stage("relocalize"):
             found = self.recover(frame, fit)
         if found.settled and not self.relocator.under_way:
-            self.until_search = 0 if found.fit is not fit else SEARCH_EVERY
+            spared = found.fit is fit and self.config.budget.is_least(frame.step_s)
+            self.until_search = SEARCH_EVERY if spared else 0
             self.searched_suspect = is_suspect(fit)
         return found
 
@@ -302,6 +305,9 @@ class Decider:
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
         if settled or (tracked and holds) or there:
             return Decision(fit, True, searched=unvouched)
+        again = found.fit.finite and not searched and not slow  # the track's fit, with the points seen where it ends
+        if again and self.state.is_there(found.fit, frame.predicted, True):
+            return Decision(found.fit, True)
         rivalled = rivalled or (enough and found.rivalled)
         if first or not found.near_done:
             return Decision(found.fit, False, rivalled, contenders=found.contenders)

@@ -26,3 +26,7 @@ class BudgetConfig:
     def allowed(self, step_s: float) -> int:
         """Evaluations allowed for a frame that comes step_s seconds after the previous one."""
         return max(self.evaluations, int(self.evaluations / SHORTEST_S * min(step_s, LONGEST_S)))
+
+    def is_least(self, step_s: float) -> bool:
+        """Whether a frame that comes step_s seconds after the previous one is allowed no more than any frame."""
+        return step_s <= SHORTEST_S

@@ -233,6 +233,8 @@ class Relocator:
         before, self.reference = self.reference, reference
         if before is None:
             return
+        if self.best_before is not None:
+            self.tried.give_up(self.best_before)
         R = reference.R @ before.R.T
         by = RigidMotion(R, reference.t - R @ before.t)
         self.kept = [each._replace(pose=product_of(by, each.pose)) for each in self.kept]

@@ -44,6 +44,13 @@ class TriedPoses:
         self.fitted, self.reached = self.fitted.moved(by), self.reached.moved(by)
         self.rivals = self.rivals.moved(by)
 
+    def give_up(self, pose: RigidMotion) -> None:
+        """No longer compare the best pose with fits that ended at this one, which goes on in the fits of a new image.
+
+        Where they are meanwhile is known by a prediction only, and an error of it makes them another pose.
+        """
+        self.supports = np.where(self.within_reach(pose, self.reached), 0.0, self.supports)
+
     def holds(self, candidate: Candidate) -> bool:
         """Whether a pose within reach of a fit from this candidate was fitted, with a similar score."""
         reached = self.within_reach(candidate.pose, self.fitted)
