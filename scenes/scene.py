@@ -23,9 +23,10 @@ from uavbench.scenes.renderables import (
 )
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
-from uavbench.scenes.spec import ClutterSpec, SequenceSpec
+from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structures.registry import STRUCTURES
 from uavbench.scenes.surfaces import SceneSurfaces
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
@@ -81,7 +82,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
         built = replace(built, parts=site.structure)
         sunlight = replace(environment.light, clouds=site.clouds)
         environment = replace(environment, parts=(*site.parts, *environment.parts), light=sunlight)
-    clutter = [_placed(c, bounds, stream(spec.seed, "clutter", i), site) for i, c in enumerate(spec.clutter)]
+    clutter = [_placed(spec, i, bounds, site) for i in range(len(spec.clutter))]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
     hiding = [p for p in solid if not p.cutout]
     if site is not None and site.shades:
@@ -129,11 +130,15 @@ def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
     return built
 
 
-def _placed(clutter: ClutterSpec, bounds: Array, rng: np.random.Generator, site: BuiltSite | None) -> BuiltClutter:
-    """Clutter around the structure, on free ground of the site if there is one."""
-    if site is not None and isinstance(clutter, ON_GROUND):
-        return clutter.build(bounds, rng, site.is_free)
-    return clutter.build(bounds, rng)
+def _placed(spec: SequenceSpec, number: int, bounds: Array, site: BuiltSite | None) -> BuiltClutter:
+    """Clutter of a number around the structure, on free ground of the site if there is one; UserError naming it."""
+    clutter, rng = spec.clutter[number], stream(spec.seed, "clutter", number)
+    try:
+        if site is not None and isinstance(clutter, ON_GROUND):
+            return clutter.build(bounds, rng, site.is_free)
+        return clutter.build(bounds, rng)
+    except UserError as error:
+        raise UserError(f"sequence {spec.name}: clutter[{number}]: {error}") from None
 
 
 def _near(part: Part, bounds: Array) -> Part:

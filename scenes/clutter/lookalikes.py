@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt, Interval
 
-from uavbench.scenes.clutter.placing import Free, anywhere
+from uavbench.scenes.clutter.placing import Free, anywhere, check_reach
 from uavbench.scenes.renderables import BuiltClutter, Part
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.pose import Array, rotation_exp
@@ -16,11 +16,18 @@ INSTANCE = 10
 
 @dataclass(frozen=True)
 class Lookalikes:
-    """Cardboard boxes at random positions around the structure; their number is at most 10 times density."""
+    """Cardboard boxes at random positions around the structure; their number is at most 10 times density.
+
+    UserError when nearest_m is above furthest_m.
+    """
 
     density: Annotated[float, Interval(ge=0, le=10)] = 0.5
     nearest_m: Annotated[float, Gt(0)] = 0.45
     furthest_m: Annotated[float, Gt(0)] = 2.2
+
+    def __post_init__(self) -> None:
+        if self.nearest_m != self.furthest_m:
+            check_reach(self.nearest_m, self.furthest_m)
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """Boxes on free ground around a structure of bounds (2, 3) in metres, world frame.

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
-from uavbench.scenes.clutter.placing import Free, anywhere, ring_places
+from uavbench.scenes.clutter.placing import Free, anywhere, check_reach, ring_places
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.meshes import merge
@@ -35,13 +35,19 @@ SKIN, HAIR = ((0.50, 0.30, 0.21), (0.12, 0.06, 0.04)), ((0.02, 0.015, 0.01), (0.
 
 @dataclass(frozen=True)
 class People:
-    """Human figures around the structure, 10 times density in number; the fraction `walking` of them walks."""
+    """Human figures around the structure, 10 times density in number; the fraction `walking` of them walks.
+
+    UserError unless nearest_m is below furthest_m.
+    """
 
     density: Annotated[float, Interval(ge=0, le=20)] = 0.5
     walking: Annotated[float, Interval(ge=0, le=1)] = 0.5
     nearest_m: Annotated[float, Gt(0)] = 1.0
     furthest_m: Annotated[float, Gt(0)] = 8.0
     speed_m_s: Annotated[float, Ge(0)] = 1.2
+
+    def __post_init__(self) -> None:
+        check_reach(self.nearest_m, self.furthest_m)
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """The standing figures as one mesh, and a mover for each walking one; bounds (2, 3) in metres, world frame.

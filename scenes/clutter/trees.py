@@ -9,7 +9,7 @@ from annotated_types import Gt, Interval
 
 from uavbench.scenes.clutter.branching import INSTANCE, Place, branching_trees
 from uavbench.scenes.clutter.habits import HabitName
-from uavbench.scenes.clutter.placing import Free, anywhere, gap_m, ring_places
+from uavbench.scenes.clutter.placing import Free, anywhere, check_reach, gap_m, ring_places
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.primitives.meshes import merge
@@ -26,6 +26,7 @@ class Trees:
     """Trees around the structure, 20 times density in number, at least nearest_m from its bounds.
 
     habit is the form of their crowns: `round` is a ball of leaves, the others branch, and `mixed` mixes these.
+    UserError unless nearest_m is below furthest_m.
     """
 
     density: Annotated[float, Interval(ge=0, le=20)] = 0.5
@@ -33,6 +34,9 @@ class Trees:
     nearest_m: Annotated[float, Gt(0)] = 3.0
     furthest_m: Annotated[float, Gt(0)] = 30.0
     habit: HabitName = "round"
+
+    def __post_init__(self) -> None:
+        check_reach(self.nearest_m, self.furthest_m)
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """All trees as meshes of wood and leaves, on free ground around a structure of bounds (2, 3) in metres.

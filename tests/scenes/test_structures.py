@@ -3,6 +3,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.scenes.conftest import looking
 from uavbench.scenes.camera import Camera
@@ -25,7 +26,9 @@ from uavbench.scenes.world.indoor import Indoor
 from uavbench.scenes.world.outdoor import Outdoor
 from uavbench.scenes.world.registry import ENVIRONMENTS
 from uavbench.scenes.world.studio import Studio
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import FlightSpec
 
@@ -193,6 +196,20 @@ def test_what_moves_moves_without_jumps(name: str) -> None:
         steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(places)]
         assert max(steps) < 0.25
         assert sum(steps) > 1.0
+
+
+def test_where_there_is_no_room_that_is_told() -> None:
+    bounds = np.array([[-2.0, -1.0, 0.0], [2.0, 1.0, 1.0]])
+
+    def third_is_not(places: Array) -> NDArray[np.bool_]:
+        room = len(taken) < 2
+        taken.extend([0] * room)
+        return np.full(len(places), room)
+
+    taken: list[int] = []
+    told = r"no room for object 3 of 4: of 100,000 positions .* 1 to 5 m from the structure; raise furthest_m, or lower"
+    with pytest.raises(UserError, match=told):
+        ring_places(bounds, 4, (1.0, 5.0), rng(), third_is_not)
 
 
 def test_places_are_evenly_outside_the_bounds() -> None:
