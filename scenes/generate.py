@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from collections.abc import Sequence as Sequenced
 from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -29,18 +30,20 @@ from uavbench.scenes.png.encoder import ENCODING
 from uavbench.scenes.renderables import BuiltSite, Room
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera, render_camera
-from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.scene import Scene, build_scene, obstacles_of
 from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import refuse_foreign
 from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
 from uavbench.trajectories.random_streams import stream
-from uavbench.trajectories.sensors.registry import write_flight
+from uavbench.trajectories.sensors.registry import check_places, write_flight
 from uavbench.trajectories.simulation.checks import check_camera
 from uavbench.trajectories.simulation.flight import Flight, fly
 from uavbench.trajectories.simulation.summary import flown_summary
@@ -73,8 +76,9 @@ def generate(
     exposures = [exposures_of(spec, camera, flight) for camera in cameras]
     lenses = [lens_of(spec, camera) for camera in cameras]
     for camera in others:
-        check_further_camera(spec, camera, scene, flight)
+        check_further_camera(spec, camera, scene.obstacles, flight)
     mounts = [camera.mount.along(flight, scene.built.structure.bounds.mean(axis=0)) for camera in cameras]
+    missed = missed_targets(spec, mounts, exposures)
     done = counted(on_frame, sum(len(each.times_ns) for each in exposures))
     with disk_errors(folder), new_folder(folder, RENDERED) as new:
         _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
@@ -91,9 +95,44 @@ def generate(
         summary = flown_summary(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed, flight)
         sensors = _by_file(spec, readings) | gimbals
         more = {"flight": summary.to_json(), "sensors": sensors, **_camera_records(spec, delays)}
+        more |= {"unreached": missed} if missed else {}
         _write_info(new, spec, scene, delays[main.name], more | {"content_hash": content_hash})
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
+
+
+def rehearse(spec: SequenceSpec) -> list[str]:
+    """Fly a sequence whose scene is not built, and return what its gimbals do not reach.
+
+    UserError as `generate`, for everything but the scene around the structure and the images.
+    """
+    cameras = cameras_of(spec)
+    for camera in cameras:
+        lens_of(spec, camera)
+    obstacles = obstacles_of(spec)
+    flight = fly(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
+    exposures = [exposures_of(spec, camera, flight) for camera in cameras]
+    for camera in cameras[1:]:
+        check_further_camera(spec, camera, obstacles, flight)
+    check_places(spec.sensors, flight, obstacles)
+    middle = np.mean(obstacles.bounds, axis=0)
+    return missed_targets(spec, [camera.mount.along(flight, middle) for camera in cameras], exposures)
+
+
+def missed_targets(
+    spec: SequenceSpec, mounts: Sequenced[Callable[[int], Pose]], exposures: Sequenced[Exposures]
+) -> list[str]:
+    """What keeps each gimbal from its target, of the cameras in their order; UserError when one never sees it."""
+    found = []
+    for camera, mount, exposed in zip(cameras_of(spec), mounts, exposures, strict=True):
+        if not (isinstance(camera.mount, Gimbal) and isinstance(mount, GimbalMotion)):
+            continue
+        try:
+            what = camera.mount.unreached(mount, exposed.times_ns)
+        except UserError as error:
+            raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
+        found += [f"gimbal of {camera.name}: {what}"] if what else []
+    return found
 
 
 def cameras_of(spec: SequenceSpec) -> list[BodyCamera]:
@@ -122,10 +161,10 @@ def lens_of(spec: SequenceSpec, camera: BodyCamera) -> RenderCamera:
         raise UserError(f"sequence {spec.name}: {camera.name}: {error}") from None
 
 
-def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, flight: Flight) -> None:
+def check_further_camera(spec: SequenceSpec, camera: BodyCamera, obstacles: ObstacleMesh, flight: Flight) -> None:
     """UserError when a further camera enters the structure or passes below the floor."""
     try:
-        check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount.at_rest, scene.obstacles)
+        check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount.at_rest, obstacles)
     except UserError as error:
         raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
 

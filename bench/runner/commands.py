@@ -14,7 +14,7 @@ from uavbench.bench.external.program import isolated_trackers
 from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
-from uavbench.bench.runner.extent import shortfalls, table_of_extents
+from uavbench.bench.runner.extent import extents, problems_of_extents, shortfalls, table_of_extents
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights
 from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved, suite_folder
@@ -48,7 +48,8 @@ class ExecutionOptions:
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOptions) -> int:
     """Run the missing jobs of a suite up to `verb`.
 
-    The exit code is 0 when all are done, 2 after a mistake in the input, else 1, as for a full disk.
+    The exit code is 0 when all are done, 2 after a mistake in the input, else 1, as for a full disk. A dry run has 2
+    when it finds a mistake.
     """
     suite = load_suite(suite_file(suite_name))
     if where.isolate:
@@ -71,9 +72,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         for job in jobs:
             job.place.refuse_foreign()
         say(dry_run(jobs, folder, where.slurm or where.workers))
-        if table := table_of_extents(job.work for job in jobs):
-            say(table)
-        return 0
+        return tell_extents(jobs, "flight" if flown else "sequence")
     if where.slurm:
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
         run_shards(run, folder, where.slurm, where.slurm_options)
@@ -94,6 +93,18 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
             say((folder / "tables" / table).read_text(encoding="utf-8"))
             say(f"report: {folder / 'index.html'}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def tell_extents(jobs: list[Job], what: str) -> int:
+    """Report the sequences or flights (`what`) that jobs would make; the exit code is 2 when one cannot be made."""
+    found = extents(job.work for job in jobs)
+    if not found:
+        return 0
+    say(table_of_extents(found, what))
+    if told := problems_of_extents(found, what):
+        say(told, err=True)
+        return 2
+    return 0
 
 
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False, video: bool = False) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.graph import Work
 from uavbench.bench.runner.tasks import Fly, Render, Video
@@ -29,13 +30,16 @@ FLOWN_FRAME_BYTES = 1100.0
 """Bytes of a frame in the tables of a flight, measured with `robust`; with `truth` it is a half."""
 VIDEO_FRAME_BYTES = 6e4
 """Bytes of a frame of a flight's video, 1280x480, measured on the box."""
+MOST_FLOWN_S = 1200.0
+"""Duration of all flights that are flown to look for mistakes, s: half a minute's work; others are planned only."""
 
 
 @dataclass(frozen=True)
 class Extent:
     """Size of each sequence or flight of one name, one per seed, or the reason why their path cannot be planned.
 
-    bytes: of one of them, measured on disk if one is there, else estimated. problem: why it cannot be made.
+    bytes: of one of them, measured on disk if one is there, else estimated. problem: why it cannot be made. unreached:
+    what its cameras do not reach.
     """
 
     name: str
@@ -45,10 +49,11 @@ class Extent:
     bytes: float
     measured: bool = False
     problem: str = ""
+    unreached: tuple[str, ...] = ()
 
 
 def extents(works: Iterable[Work]) -> list[Extent]:
-    """Extent of the sequences or flights by name; those that differ only by their seed are planned once."""
+    """Extent of the sequences or flights by name; those that differ only by their seed are planned and flown once."""
     works = list(works)
     videos = {work.flight: work.folder for work in works if isinstance(work, Video)}
     by_name: dict[str, list[Render | Fly]] = {}
@@ -57,19 +62,25 @@ def extents(works: Iterable[Work]) -> list[Extent]:
             by_name.setdefault(_name(work), []).append(work)
     plans: dict[str, FlightSummary | str] = {}
     found = [_extent(name, alike, plans, videos) for name, alike in by_name.items()]
-    return [
+    found = [
         replace(each, problem=each.problem or _rate_problem(alike[0], each.summary))
         for each, alike in zip(found, by_name.values(), strict=True)
     ]
+    flown_s = 0.0
+    known: dict[str, Extent] = {}
+    for k, (each, (first, *_)) in enumerate(zip(found, by_name.values(), strict=True)):
+        flown_s += each.summary.duration_s if each.summary and first.spec.name not in known else 0.0
+        if not each.problem and flown_s <= MOST_FLOWN_S:
+            flown = known.setdefault(first.spec.name, _rehearsed(each, first))
+            found[k] = replace(each, problem=flown.problem, unreached=flown.unreached)
+    return found
 
 
-def table_of_extents(works: Iterable[Work]) -> str:
-    """Table of frames, seconds and megabytes by sequence or flight, sums, unmet path requirements; "" without any."""
-    works = list(works)
-    found = extents(works)
-    if not found:
-        return ""
-    what = "flight" if any(isinstance(work, Fly) for work in works) else "sequence"
+def table_of_extents(found: list[Extent], what: str) -> str:
+    """Table of frames, seconds and megabytes by sequence or flight, sums, and unmet requirements.
+
+    what: `sequence` or `flight`.
+    """
     lines = [f"\n{f'each {what}':<36} {'seeds':>7} {'frames':>7} {'flight, s':>10} {'top m/s':>8} {'MB':>9}"]
     for each in found:
         seconds = f"{each.summary.duration_s:.1f}" if each.summary else "-"
@@ -82,8 +93,17 @@ def table_of_extents(works: Iterable[Work]) -> str:
     total_mb = sum(each.seeds * each.bytes for each in found) / 1e6
     lines.append(f"{f'all {what}s':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
     reasons = [(each, each.problem or (each.summary.shortfall() if each.summary else "")) for each in found]
+    reasons += [(each, reason) for each in found for reason in each.unreached]
     lines += dict.fromkeys(f"{each.name.split()[0]}: {reason}" for each, reason in reasons if reason)
     return "\n".join(lines)
+
+
+def problems_of_extents(found: list[Extent], what: str) -> str:
+    """How many sequences or flights cannot be made, and which; "" if all can."""
+    bad = list(dict.fromkeys(each.name for each in found if each.problem))
+    seeds = sum(each.seeds for each in found if each.problem)
+    of = sum(each.seeds for each in found)
+    return f"{seeds} of {of} {what}s cannot be made: {', '.join(bad)}; the reasons are above" if bad else ""
 
 
 def shortfalls(markers: Iterable[Path]) -> list[str]:
@@ -93,6 +113,7 @@ def shortfalls(markers: Iterable[Path]) -> list[str]:
         info = json.loads(marker.read_text(encoding="utf-8"))
         if "flight" in info and (line := FlightSummary(**info["flight"]).shortfall()):
             lines.append(f"{info['name']}: {line}")
+        lines += [f"{info['name']}: {what}" for what in info.get("unreached", ())]
         lines += [f"doubt: {info['name']}: {doubt}" for doubt in info.get("doubts", ())]
     return lines
 
@@ -145,6 +166,21 @@ def _rate_problem(work: Render | Fly, planned: FlightSummary | None) -> str:
     except UserError as error:
         return str(error)
     return ""
+
+
+def _rehearsed(found: Extent, work: Render | Fly) -> Extent:
+    """The extent with the mistake, if any, that flying on the true state shows."""
+    spec = work.spec
+    assert isinstance(spec, SequenceSpec)
+    try:
+        if isinstance(work, Render):
+            from uavbench.scenes.generate import rehearse
+
+            return replace(found, unreached=tuple(rehearse(spec)))
+        OpenLoop.of(spec, obstacles_of(spec))
+    except UserError as error:
+        return replace(found, problem=str(error).removeprefix(f"sequence {spec.name}: "))
+    return found
 
 
 def _frames(filmed_s: float, rate_hz: float) -> int:

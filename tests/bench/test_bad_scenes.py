@@ -59,6 +59,19 @@ def test_mistakes_in_the_file_are_told_before_anything_is_rendered(tmp_path, lin
 
 
 FLOWN = {
+    "folded": (
+        'camera = { width = 64, height = 48, distortion_model = "radtan", distortion = [-2.0, 0.0, 0.0, 0.0] }',
+        r"sequence folded-s0: camera: the distortion folds over before pixel .*; lower its coefficients, .*",
+    ),
+    "unfound": (
+        'flight.airframe = { kind = "file", path = "none.toml" }',
+        r".*none.toml: no such file.*",
+    ),
+    "aimed": (
+        'mount = { kind = "gimbal", mode = "target", target_m = [0.0, 0.0, -9.0], pitch_axis = { least_deg = -10.0 } }',
+        r"sequence aimed-s0: camera camera: mount.target_m: the stops of pitch_axis, -10 to 60 degrees, keep it .*; "
+        "widen the stops, or move the target or the path",
+    ),
     "lidar": (
         'sensors = [{ kind = "imu" }, { kind = "lidar-3d", offset_m = [1.1, 0.0, -0.25] }]',
         r"sensors\[1\], lidar-3d: t = 0.00 s, at \(0.05, 0.00, 0.15\) m: it is inside the structure; change its "
@@ -101,6 +114,7 @@ def test_a_frame_rate_slower_than_the_flight_is_told_with_the_file_and_the_key(t
     (tmp_path / "bad.toml").write_text(SLOW)
     told = "rate_hz 0.2: one frame takes 5 s, and the flight .* s; raise rate_hz, or fly longer"
     dry = uavbench("render", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
+    assert dry.returncode == 2 and dry.stderr == "1 of 1 sequences cannot be made: slow; the reasons are above\n"
     assert any(re.fullmatch(f"slow: {told}", line) for line in dry.stdout.splitlines()), dry.stdout
     done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
     assert done.returncode == 2 and "Traceback" not in done.stderr
@@ -109,9 +123,21 @@ def test_a_frame_rate_slower_than_the_flight_is_told_with_the_file_and_the_key(t
     assert not (tmp_path / "out" / "sequences").exists()
 
 
+def sequence(name, lines):
+    whole = SEQUENCE.replace("NAME", name)
+    kept = [line for line in whole.splitlines() if not (line.startswith("camera =") and "camera =" in lines)]
+    return "\n".join([*kept, lines])
+
+
 def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path):
-    parts = [SEQUENCE.replace("NAME", name) + lines for name, (lines, _) in FLOWN.items()]
+    parts = [sequence(name, lines) for name, (lines, _) in FLOWN.items()]
     (tmp_path / "bad.toml").write_text("\n".join([SUITE, *parts]))
+    dry = uavbench("render", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
+    assert dry.returncode == 2
+    assert dry.stderr.startswith(f"{len(FLOWN)} of {len(FLOWN)} sequences cannot be made: {', '.join(FLOWN)};")
+    for name, (_, message) in FLOWN.items():
+        told_dry = f"{name}: {message.removeprefix(f'sequence {name}-s0: ').removeprefix('gimbal of camera: ')}"
+        assert any(re.fullmatch(told_dry, line) for line in dry.stdout.splitlines()), (told_dry, dry.stdout)
     done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
     assert done.returncode == 2 and "Traceback" not in done.stderr
     told = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]

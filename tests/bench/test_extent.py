@@ -47,7 +47,8 @@ def suite(tmp_path):
 
 def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
     done = CliRunner().invoke(main, ["render", str(suite), "--out", str(tmp_path / "out"), "--dry-run"])
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 2, done.output
+    assert "3 of 12 sequences cannot be made: never; the reasons are above" in done.stderr
     rows = {line.split()[0]: line.split() for line in done.output.split("each sequence")[1].splitlines()[1:]}
     assert rows["timed"][1:4] == ["3", "451", "30.0"]
     assert rows["hasty"][1:3] == ["3", str(int(10 * float(rows["hasty"][3])) + 1)]
@@ -63,7 +64,8 @@ def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
 def test_the_time_of_a_sequence_counts_the_pixels_of_all_cameras(suite):
     """Time beyond that of one frame is proportional to images: two more of a quarter each, half as much again."""
     camera = "{ width = 320, height = 240, horizontal_fov_deg = 60.0 }"
-    two = ", ".join(f"{{ name = '{name}', camera = {camera} }}" for name in ("left", "right"))
+    turned = {"left": 9.0, "right": -9.0}
+    two = ", ".join(f"{{ name = '{name}', camera = {camera}, mount.yaw_deg = {yaw} }}" for name, yaw in turned.items())
     rig = suite.with_name("rig.toml")
     rig.write_text(
         "title = 'Rig'\nseeds = [0]\nrates_hz = [5.0]\n"
@@ -95,8 +97,9 @@ def test_the_dry_run_of_flights_tells_how_much_each_flight_is(suite, tmp_path):
     suite.write_text(SUITE + LOOP)
     command = ["fly", str(suite), "--out", str(tmp_path / "out"), "--dry-run"]
     plain, filmed = (CliRunner().invoke(main, [*command, *more]) for more in ([], ["--video"]))
-    assert plain.exit_code == filmed.exit_code == 0, plain.output
-    told, told_filmed = (each.output.split("each flight")[1].splitlines()[1:] for each in (plain, filmed))
+    assert plain.exit_code == filmed.exit_code == 2, plain.output
+    assert "6 of 24 flights cannot be made: never hold@5hz+soon, never hold@5hz+late;" in plain.stderr
+    told, told_filmed = (each.stdout.split("each flight")[1].splitlines()[1:] for each in (plain, filmed))
     rows, filmed_rows = (
         {" ".join(line.split()[:2]): line.split()[2:] for line in lines} for lines in (told, told_filmed)
     )
@@ -107,6 +110,21 @@ def test_the_dry_run_of_flights_tells_how_much_each_flight_is(suite, tmp_path):
     assert [line.split(":")[0] for line in told if ": " in line] == ["hasty", "never"]
     assert float(filmed_rows["all flights"][3]) > 5 * float(rows["all flights"][3])
     assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_of_a_suite_without_mistakes_succeeds(suite, tmp_path):
+    suite.write_text(SUITE.replace("duration_s = 2.0", "duration_s = 30.5") + LOOP)
+    for verb in ("render", "fly"):
+        done = CliRunner().invoke(main, [verb, str(suite), "--out", str(tmp_path / "out"), "--dry-run"])
+        assert (done.exit_code, "cannot be made" in done.output) == (0, False), done.output
+
+
+def test_a_dry_run_of_flights_tells_those_that_cannot_be_flown(suite, tmp_path):
+    suite.write_text(SUITE + LOOP + "[sequences.never.flight.airframe]\nkind = 'file'\npath = 'none.toml'\n")
+    suite.write_text(suite.read_text().replace("duration_s = 2.0", "duration_s = 30.5"))
+    done = CliRunner().invoke(main, ["fly", str(suite), "--out", str(tmp_path / "out"), "--dry-run"])
+    assert done.exit_code == 2 and "none.toml: no such file" in done.stdout
+    assert "6 of 24 flights cannot be made: never hold@5hz+soon" in done.stderr
 
 
 def test_a_dry_run_refuses_what_the_command_would(suite, tmp_path):

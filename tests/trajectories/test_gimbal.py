@@ -327,6 +327,44 @@ def test_a_gimbal_at_rest_has_the_angles_of_its_commands_as_far_as_the_stops_all
     assert np.degrees(stopped) == pytest.approx([0.0, -5.0, -15.0], abs=1e-9)
 
 
+@pytest.mark.parametrize("axes", ["yaw-roll-pitch", "roll-pitch", "pitch"])
+def test_frames_in_which_the_stops_keep_the_camera_from_its_target_are_counted(axes):
+    """Flying up past a target 4 m ahead, the camera pitches down to it by atan(height / 4)."""
+    heights = np.linspace(0.0, 4.0, 41)
+    flown = flight(np.tile(np.eye(3), (41, 1, 1)), np.column_stack([np.zeros((41, 2)), heights]))
+    gimbal = Gimbal(axes=axes, mode="target", target_m=(4.0, 0.0, 0.0), pitch_axis=PitchAxis(least_deg=-30.0))
+    missed = int((np.degrees(np.arctan(heights / 4)) > 30.1).sum())
+    told = gimbal.unreached(gimbal.along(flown, TARGET_M), flown.stamps_ns)
+    assert f"pitch_axis, -30 to 60 degrees, keep it from its target in {missed} of 41 frames, by up to 15.0 " in told
+    wide = replace(gimbal, pitch_axis=PitchAxis(least_deg=-45.1))
+    assert wide.unreached(wide.along(flown, TARGET_M), flown.stamps_ns) == ""
+    high = flown.stamps_ns[-10:]
+    with pytest.raises(
+        UserError, match=r"mount\.target_m: .* in 10 of 10 frames, .*; widen the stops, or move the tar"
+    ):
+        gimbal.unreached(gimbal.along(flown, TARGET_M), high)
+
+
+def test_yaw_reaches_a_target_behind_by_either_turn_and_a_held_attitude_has_no_target():
+    flown = flight(about(2, np.linspace(0.0, 6.0, 3001)))
+    gimbal = Gimbal(mode="target", target_m=(5.0, 0.0, 1.0))
+    told = gimbal.unreached(gimbal.along(flown, TARGET_M), flown.stamps_ns[::100])
+    assert "the stops of yaw_axis, -270 to 270 degrees" in told  # its cables end after a turn and a half
+    held = Gimbal()
+    assert held.unreached(held.along(flown, TARGET_M), flown.stamps_ns) == ""
+    few = flown.stamps_ns[:2000:100]
+    assert gimbal.unreached(gimbal.along(flown, TARGET_M), few) == ""
+
+
+def test_a_target_at_the_vehicle_has_no_direction():
+    flown = flight(np.tile(np.eye(3), (3, 1, 1)))
+    gimbal = Gimbal(mode="target", target_m=(0.3, 0.0, 1.05), offset_m=(0.3, 0.0, 0.0))
+    with pytest.raises(
+        UserError, match=r"mount\.target_m: frame 0: the camera is 0\.050 m from it, .*; move the target"
+    ):
+        gimbal.unreached(gimbal.along(flown, TARGET_M), flown.stamps_ns)
+
+
 def test_encoders_that_read_once_in_a_flight_are_refused():
     Encoder(rate_hz=0.25).check(4_000_000_000)
     with pytest.raises(UserError, match=r"rate_hz 0\.25: one reading takes 4 s, and the flight 3\.9 s"):

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Interval
+from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import CAM_FROM_FORWARD_BODY, Motion, Mount
@@ -17,6 +18,10 @@ from uavbench.trajectories.gimbal.pointing import Aim, Axes, heading, joints_for
 from uavbench.trajectories.pose import Array, Pose
 
 Mode = Literal["stabilized", "target"]
+LEAST_TO_TARGET_M = 0.1
+"""Least distance from the camera's centre to its target, metres; a nearer one is the vehicle itself."""
+BEYOND_RAD = 1e-3
+"""Angle beyond the stops from which a target counts as out of reach, rad: less than a pixel's at most lenses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,3 +122,31 @@ class Gimbal:
     def along(self, motion: Motion, target_m: Array) -> GimbalMotion:
         """The gimbal along a motion; target_m (3,): what it looks at unless it has its own target_m."""
         return GimbalMotion(self, motion, target_m if self.target_m is None else np.array(self.target_m))
+
+    def unreached(self, motion: GimbalMotion, stamps_ns: NDArray[np.int64]) -> str:
+        """What keeps the camera from its target at the times (ns) of its frames, "" if nothing does.
+
+        UserError when the stops keep it from the target in all frames, or the camera is at the target.
+        """
+        if self.mode != "target":
+            return ""
+        away_m = motion.to_target_m(stamps_ns)
+        near = int(np.argmin(away_m))
+        if away_m[near] < LEAST_TO_TARGET_M:
+            raise UserError(
+                f"mount.target_m: frame {near}: the camera is {away_m[near]:.3f} m from it, at the vehicle itself; "
+                "move the target or the path"
+            )
+        beyond = motion.beyond_stops_rad(stamps_ns)
+        missed = np.atleast_1d((beyond > BEYOND_RAD).any(axis=1))
+        if not missed.any():
+            return ""
+        joint = ("yaw", "roll", "pitch")[int(np.argmax(beyond.max(axis=0)))]
+        axis = getattr(self, f"{joint}_axis")
+        what = (
+            f"the stops of {joint}_axis, {axis.least_deg:g} to {axis.greatest_deg:g} degrees, keep it from its target "
+            f"in {int(missed.sum())} of {len(missed)} frames, by up to {math.degrees(float(beyond.max())):.1f} degrees"
+        )
+        if missed.all():
+            raise UserError(f"mount.target_m: {what}; widen the stops, or move the target or the path")
+        return what

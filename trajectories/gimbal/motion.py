@@ -64,6 +64,30 @@ class GimbalMotion:
         here, there = (np.array([self._rows[k] for k in which]).reshape(-1, 3) for which in (row, after))
         return np.asarray(np.where(share == 1.0, there, (1 - share) * here + share * there))
 
+    def beyond_stops_rad(self, stamps_ns: NDArray[np.int64]) -> Array:
+        """How far (n, 3), rad, the joints are commanded beyond their stops in the rows at or before times (n,)."""
+        self.angles(stamps_ns)
+        return np.array([self._beyond(row) for row in self._rows_before(stamps_ns)]).reshape(-1, 3)
+
+    def to_target_m(self, stamps_ns: NDArray[np.int64]) -> Array:
+        """Distances (n,) in metres from the camera's centre to the target in the rows at or before times (n,)."""
+        centre = self._gimbal.cam_from_body(0.0, 0.0, 0.0).inverse().translation
+        places = [self._motion.pose(row).transform(centre[None])[0] for row in self._rows_before(stamps_ns)]
+        return np.asarray(np.linalg.norm(np.array(places).reshape(-1, 3) - self._target_m, axis=1))
+
+    def _rows_before(self, stamps_ns: NDArray[np.int64]) -> list[int]:
+        rows: list[int] = np.clip(np.searchsorted(self._stamps, stamps_ns, side="right") - 1, 0, None).tolist()
+        return rows
+
+    def _beyond(self, row: int) -> list[float]:
+        """How far each joint is commanded beyond its stops in a row, by the turn nearest to its angle."""
+        out = []
+        commands = self._gimbal.commands(self._motion.pose(row), self._target_m)
+        for axis, angle, command in zip(self._gimbal.axes_of_joints, self._rows[row], commands, strict=True):
+            near = command + 2 * np.pi * round((angle - command) / (2 * np.pi))
+            out.append(max(near - np.radians(axis.greatest_deg), np.radians(axis.least_deg) - near, 0.0))
+        return out
+
     def _simulate(self, rows: int) -> None:
         """Advance the servos up to a number of rows."""
         while len(self._rows) < rows:

@@ -15,6 +15,7 @@ from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 from uavbench.trajectories.sensors.lidar import Lidar2d, Lidar3d
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.range_finder import RangeFinder
+from uavbench.trajectories.sensors.ranging import LaserRanging
 from uavbench.trajectories.sensors.sensor import (
     SensorSpec,
     Table,
@@ -83,6 +84,16 @@ def check_sensors(sensors: tuple[SensorSpec, ...], flown_ns: int) -> None:
                 )
         except UserError as error:
             raise UserError(f"sensors[{number}], {name}: {error}") from None
+
+
+def check_places(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "ObstacleMesh") -> None:
+    """UserError naming the range finder or lidar that is inside the structure or under the floor on a flight."""
+    for number, (name, sensor) in enumerate(named(sensors).items()):
+        if isinstance(sensor, LaserRanging):
+            try:
+                sensor.check(flight, obstacles)
+            except UserError as error:
+                raise UserError(f"sensors[{number}], {name}: {error}") from None
 
 
 def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:
