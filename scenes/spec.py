@@ -1,7 +1,7 @@
 """Specification of a sequence: plug-ins, their parameters, and a seed."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
@@ -48,7 +48,11 @@ class ClutterSpec(Protocol):
 
 
 class EffectSpec(Protocol):
-    """An effect of the camera or its link on the images; effects act in the order of `EFFECTS`, the physical one."""
+    """An effect of the camera or its link on the images; effects act in the order of `EFFECTS`, the physical one.
+
+    The class attribute `only_one`, where it is true, says that of two such effects only one would count. Effects with
+    `readout_ms` or `exposure_ms` are as short as a frame's period.
+    """
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """The camera simulator with the effect applied; each frame is requested once, in order."""
@@ -59,6 +63,9 @@ Annotation = Literal["depth", "mask", "edges", "flow", "normals"]
 """Ground truth of each frame in addition to its pose."""
 
 
+STEEPEST = 11.43
+"""Tangent of the greatest angle from the optical axis to a side of a pinhole image, that of a field of view of 170
+degrees."""
 LARGEST_SIDE_PX = 16_384
 """Largest width or height of a rendered image in px: that of a framebuffer of OpenGL's software renderer (llvmpipe)."""
 
@@ -99,6 +106,12 @@ class CameraSpec:
                 plain = Camera.from_field_of_view(self.width, self.height, self.horizontal_fov_deg)
                 given = [plain.fx, plain.fy, plain.cx, plain.cy]
             fx, fy, cx, cy = given
+            for axis, side, focal, centre in (("x", self.width, fx, cx), ("y", self.height, fy, cy)):
+                if not max(abs(centre + 0.5), abs(side - 0.5 - centre)) <= STEEPEST * focal:
+                    raise UserError(
+                        f"c{axis}_px {centre:g}: with f{axis}_px {focal:g} a side of the image is more than 85 degrees "
+                        f"from the optical axis; both are in pixels: give c{axis}_px near the middle of {side} px"
+                    )
             return Camera(self.width, self.height, fx, fy, cx, cy, self.distortion_model, self.distortion)
         except ValueError as error:
             raise UserError(str(error)) from None
@@ -131,7 +144,8 @@ class SequenceSpec:
     the ground truth written for every frame in addition to its pose; every crlb_every-th frame of the main camera gets
     its Cramer-Rao bound (0: none); neither changes the images. cameras are those in addition to the main one, which
     mount and camera specify and trackers receive; clock triggers and stamps the frames of all of them. UserError for
-    duplicate camera names, and for recorded poses of a camera that has no fixed mount.
+    duplicate camera names, for cameras that see the same, for recorded poses of a camera that has no fixed mount, for
+    effects of which one has no effect, and for exposures, readouts and jitter that do not fit the period of a frame.
     """
 
     name: str
@@ -161,9 +175,43 @@ class SequenceSpec:
             if name == MAIN or name in names[:i]:
                 other = "the main camera" if name == MAIN else f"cameras[{names.index(name)}]"
                 raise UserError(f"cameras[{i}].name {name!r}: {other} has this name already; give it another one")
+        self._check_views()
+        self._check_effects()
+        try:
+            self.clock.check(self.rate_hz)
+        except UserError as error:
+            raise UserError(f"clock.{error}") from None
         path = self.flight.path
         if isinstance(path, Recorded) and path.frame == "camera" and not isinstance(self.mount, Mount):
             raise UserError(
                 "flight.path.frame 'camera': poses of the body follow from those of a camera only with a fixed mount; "
                 "record poses of the body, or choose a fixed mount"
             )
+
+    def _check_views(self) -> None:
+        """UserError for a camera that sees what another one sees at the same time."""
+        main = BodyCamera(name=MAIN, mount=self.mount, camera=self.camera)
+        views = [replace(each, name="") for each in (main, *self.cameras)]
+        for i, view in enumerate(views[1:], start=1):
+            if (first := views.index(view)) != i:
+                other = "the main camera" if first == 0 else f"cameras[{first - 1}]"
+                raise UserError(
+                    f"cameras[{i - 1}].name {self.cameras[i - 1].name!r}: has mount, lens and offset_s of {other}, and "
+                    "sees the same; give it another mount.offset_m, or remove it"
+                )
+
+    def _check_effects(self) -> None:
+        """UserError for an effect that another one replaces, and for one that takes longer than a frame's period."""
+        period_ms = 1e3 / self.rate_hz
+        kinds = [type(effect) for effect in self.effects]
+        for i, effect in enumerate(self.effects):
+            if (first := kinds.index(kinds[i])) != i and getattr(kinds[i], "only_one", False):
+                raise UserError(
+                    f"effects[{i}]: is of the kind of effects[{first}], of which only one would count; remove one"
+                )
+            for key in ("readout_ms", "exposure_ms"):
+                if (ms := getattr(effect, key, 0.0)) > period_ms:
+                    raise UserError(
+                        f"effects[{i}].{key} {ms:g}: is longer than the {period_ms:.3g} ms of a frame at rate_hz "
+                        f"{self.rate_hz:g}; lower it, or rate_hz"
+                    )

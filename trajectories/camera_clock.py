@@ -40,6 +40,15 @@ class CameraClock:
     jitter_ms: Annotated[float, Interval(ge=0, le=100)] = 0.0
     timeshift_cam_imu_s: Annotated[float, Interval(ge=-10, le=10)] = 0.0
 
+    def check(self, rate_hz: float) -> None:
+        """UserError for a jitter that MOST_JITTER of the period of a rate would cut off for most frames."""
+        most_ms = MOST_JITTER * 1e3 / rate_hz
+        if self.jitter_ms > most_ms:
+            raise UserError(
+                f"jitter_ms {self.jitter_ms:g} is more than {most_ms:.3g}, {MOST_JITTER:g} of a period at rate_hz "
+                f"{rate_hz:g}; lower it, or rate_hz"
+            )
+
     @property
     def shift_ns(self) -> int:
         """The shift in whole ns."""

@@ -1,6 +1,8 @@
 """Readable validation errors of a config: path of the key, what is wrong, and the nearest valid name."""
 
 import difflib
+import json
+import re
 from collections.abc import Iterator
 from typing import Any, get_args, get_origin
 
@@ -8,6 +10,10 @@ from pydantic import BaseModel
 
 REMOVED = {("CameraClock", "even"): "frames are always evenly spaced; delete this key"}
 """Keys of earlier versions by model and name, and what to do about them."""
+
+NAMES = "cannot be a name: use lower-case letters, digits, _ . and -, a letter or digit first"
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""Key that TOML takes without quotes."""
 
 
 def explain(model: type[BaseModel], error: Any) -> str:
@@ -30,6 +36,8 @@ def explain(model: type[BaseModel], error: Any) -> str:
             return f"{path}: `kind` is missing"
         case "missing" if keys[-1] == "kind":
             return f"{path.removesuffix('.kind')}: `kind` is missing"
+        case "string_pattern_mismatch" if keys[-1] == "[key]":
+            return f"{_path(keys[:-2])}.{_quoted(str(keys[-2]))}: {NAMES}"
         case "missing":
             return f"{path}: this key is missing"
         case _:
@@ -56,6 +64,11 @@ def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
 def _path(keys: tuple[Any, ...]) -> str:
     """Dotted path of keys in a config; None for a step without a key, such as a union's tag."""
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
+
+
+def _quoted(name: str) -> str:
+    """Name of a table as TOML has it."""
+    return name if BARE.fullmatch(name) else json.dumps(name)
 
 
 def _nearest(name: str, valid: list[str]) -> str:

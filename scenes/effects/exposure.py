@@ -34,6 +34,7 @@ class RollingShutter:
 
     readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0
     margin_px: ClassVar[int] = 24
+    only_one: ClassVar[bool] = True
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """CameraSimulator in which each row has its own pose; the generator is not used."""
@@ -107,6 +108,7 @@ class MotionBlur:
     """Motion blur: irradiance is integrated over the exposure, centred on the frame's stamp."""
 
     exposure_ms: Annotated[float, Gt(0), Interval(le=1000)] = 8.0
+    only_one: ClassVar[bool] = True
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """CameraSimulator whose images are integrals over the exposure; the generator is not used."""

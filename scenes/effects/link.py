@@ -92,10 +92,19 @@ def _band(height: int, rows: float, rng: np.random.Generator) -> slice:
 
 @dataclass(frozen=True)
 class Drops:
-    """Dropped frames with probability `lost`; with probability `repeated` a frame is replaced by the one before."""
+    """Dropped frames with probability `lost`; with probability `repeated` a frame is replaced by the one before.
+
+    ValueError when both together exceed 1.
+    """
 
     lost: Annotated[float, Interval(ge=0, lt=1)] = 0.02
     repeated: Annotated[float, Interval(ge=0, lt=1)] = 0.02
+
+    def __post_init__(self) -> None:
+        if self.lost + self.repeated > 1 + 1e-9:
+            raise ValueError(
+                f"lost {self.lost:g} and repeated {self.repeated:g} are together more than all frames; lower one"
+            )
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """CameraSimulator that drops and duplicates frames; the first frame always arrives."""

@@ -116,7 +116,92 @@ def test_three_mistakes_are_told_at_once(tmp_path):
             "less than or equal to 0.6",
         ),
         ('"indoor" }', '"indoor", sharp_textures = "very" }', "sequences.box.environment.sharp_textures", "boolean"),
-        ("[sequences.box]", '[sequences."../box"]', "sequences.../box", "match pattern"),
+        ("[sequences.box]", '[sequences."../box"]', 'sequences."../box"', "cannot be a name: use lower-case letters"),
+        ("[sequences.box]", '[sequences.".."]', 'sequences.".."', "cannot be a name: use lower-case letters"),
+        (
+            "effects =",
+            'clutter = [{ kind = "people", nearest_m = 9, furthest_m = 1 }]\neffects =',
+            "sequences.box.clutter[0]",
+            "nearest_m 9 is not below furthest_m 1; lower",
+        ),
+        (
+            "effects =",
+            'clutter = [{ kind = "trees", nearest_m = 2, furthest_m = 2 }]\neffects =',
+            "sequences.box.clutter[0]",
+            "nearest_m 2 is not below furthest_m 2; lower",
+        ),
+        (
+            "effects =",
+            'clutter = [{ kind = "lookalikes", nearest_m = 3, furthest_m = 2 }]\neffects =',
+            "sequences.box.clutter[0]",
+            "nearest_m 3 is not below furthest_m 2; lower",
+        ),
+        (
+            "effects =",
+            'sensors = [{ kind = "flow", least_range_m = 5, greatest_range_m = 4 }]\neffects =',
+            "sequences.box.sensors[0]",
+            "least_range_m 5 is not below greatest_range_m 4; swap",
+        ),
+        (
+            "effects =",
+            'flight.airframe = { kind = "crazyflie", min_thrust_n = 0.2, max_thrust_n = 0.1 }\neffects =',
+            "sequences.box.flight.airframe",
+            "min_thrust_n 0.2 is not below max_thrust_n 0.1; swap",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "drops", lost = 0.6, repeated = 0.5 }',
+            "sequences.box.effects[0]",
+            "lost 0.6 and repeated 0.5 are together more than all frames; lower one",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "rolling-shutter" }, { kind = "noise" }, { kind = "rolling-shutter", readout_ms = 5 }',
+            "sequences.box: effects[2]: ",
+            "is of the kind of effects[0], of which only one would count; remove one",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "motion-blur" }, { kind = "motion-blur" }',
+            "sequences.box: effects[1]: ",
+            "is of the kind of effects[0], of which only one would count; remove one",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "rolling-shutter", readout_ms = 67 }',
+            "sequences.box: effects[0].readout_ms 67",
+            "longer than the 66.7 ms of a frame at rate_hz 15; lower",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "motion-blur", exposure_ms = 67 }',
+            "sequences.box: effects[0].exposure_ms 67",
+            "longer than the 66.7 ms of a frame at rate_hz 15; lower",
+        ),
+        (
+            "effects =",
+            "clock.jitter_ms = 27\neffects =",
+            "sequences.box: clock.jitter_ms 27",
+            "more than 26.7, 0.4 of a period at rate_hz 15; lower",
+        ),
+        (
+            "effects =",
+            'cameras = [{ name = "right" }]\neffects =',
+            "sequences.box: cameras[0].name 'right'",
+            "has mount, lens and offset_s of the main camera, and sees the same; give",
+        ),
+        (
+            "effects =",
+            'cameras = [{ name = "a", offset_s = 0.01 }, { name = "b", offset_s = 0.01 }]\neffects =',
+            "sequences.box: cameras[1].name 'b'",
+            "has mount, lens and offset_s of cameras[0], and sees the same; give",
+        ),
+        (
+            "effects =",
+            "camera = { fx_px = 300, fy_px = 300, cx_px = 80000, cy_px = 239.5 }\neffects =",
+            "sequences.box.camera: cx_px 80000",
+            "more than 85 degrees from the optical axis",
+        ),
         ("title", "titel", "titel", "did you mean 'title'"),
         ("rates_hz = [15.0]", "rates_hz = [15.0]\nsensors = []", "sensors", "did you mean 'sequences.NAME.sensors'"),
         ("rates_hz = [15.0]", "rates_hz = [30.0]", "rates_hz", "more than the 15 Hz"),
@@ -124,6 +209,23 @@ def test_three_mistakes_are_told_at_once(tmp_path):
 )
 def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
     assert any(m.startswith(key) and told in m for m in mistakes(tmp_path, GOOD.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        'clutter = [{ kind = "lookalikes", nearest_m = 2, furthest_m = 2 }]',
+        'effects = [{ kind = "drops", lost = 0.9, repeated = 0.1 }]',
+        'effects = [{ kind = "noise" }, { kind = "noise", full_well_e = 400.0 }, { kind = "jpeg" }, { kind = "jpeg" }]',
+        'effects = [{ kind = "rolling-shutter", readout_ms = 66.6 }, { kind = "motion-blur", exposure_ms = 66.6 }]',
+        "clock.jitter_ms = 26.6",
+        'cameras = [{ name = "right", offset_s = 0.01 }, { name = "far", mount = { offset_m = [0.0, -0.1, 0.0] } }]',
+        "camera.horizontal_fov_deg = 169.9",
+        'sensors = [{ kind = "lidar-2d", elevations_deg = [-3.0, 5.0] }]',
+    ],
+)
+def test_what_is_just_possible_is_taken(tmp_path, lines):
+    assert load_suite(suite(tmp_path, GOOD.replace('effects = [{ kind = "noise" }]', lines))).sequences
 
 
 @pytest.mark.parametrize(
@@ -145,7 +247,7 @@ def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
         ("rates_hz = [15.0]", 'rates_hz = [15.0]\nprotocols = ["reset", "reset"]', ["protocols[1]: 'reset'"]),
         ("[sequences.box]", "[sequences.Box]", ["sequences.Box"]),
         ("hold =", "hold = { kind = 'hold' }\nHold =", ["trackers.Hold"]),
-        ("hold =", "'hold ' =", ["trackers.hold "]),
+        ("hold =", "'hold ' =", ['trackers."hold "']),
     ],
 )
 def test_what_would_count_twice_or_share_a_folder_is_refused(tmp_path, old, new, told):

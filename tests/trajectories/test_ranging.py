@@ -225,7 +225,10 @@ def test_the_defaults_are_those_of_the_data_sheets() -> None:
 
 
 def test_limits_of_what_a_lidar_is() -> None:
-    assert Lidar2d(elevations_deg=(-90.0, 90.0) * 64).rays_per_s == 40 * 1081 * 128
+    assert Lidar2d(elevations_deg=tuple(np.linspace(-90.0, 90.0, 128))).rays_per_s == 40 * 1081 * 128
+    for bad, told in (((5.0, 5.0), "5 follows 5"), ((5.0, -3.0), "-3 follows 5")):
+        with pytest.raises(ValueError, match=f"elevations_deg: {told}; name each ring once, from the lowest up"):
+            Lidar2d(elevations_deg=bad)
     for bad in ((), (0.0,) * 129, (90.5,), (0.0, -91.0)):
         with pytest.raises(ValueError, match="give 1 to 128 angles from -90 to 90"):
             Lidar2d(elevations_deg=bad)

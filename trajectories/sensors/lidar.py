@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
@@ -52,6 +53,11 @@ class Lidar2d(LaserRanging):
         super().__post_init__()
         if not 1 <= len(self.elevations_deg) <= MOST_RINGS or not np.all(np.abs(self.elevations_deg) <= 90):
             raise ValueError(f"elevations_deg: give 1 to {MOST_RINGS} angles from -90 to 90")
+        for below, above in pairwise(self.elevations_deg):
+            if not below < above:
+                raise ValueError(
+                    f"elevations_deg: {above:g} follows {below:g}; name each ring once, from the lowest up"
+                )
 
     @property
     def azimuths_rad(self) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import Reader, Table, sample_stamps, sampled
+from uavbench.trajectories.sensors.sensor import Reader, Table, check_limits, sample_stamps, sampled
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -38,6 +38,9 @@ class FlowDeck:
     range_noise_m: Annotated[float, Ge(0)] = 0.0025
     least_range_m: Annotated[float, Ge(0)] = 0.08
     greatest_range_m: Annotated[float, Gt(0)] = 4.0
+
+    def __post_init__(self) -> None:
+        check_limits(self.least_range_m, self.greatest_range_m)
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Flow dx, dy in px (integer counts) and range in m; none where the ground is out of range."""

@@ -11,7 +11,7 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_exp, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import check_rate, sampled
+from uavbench.trajectories.sensors.sensor import check_limits, check_rate, sampled
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -53,10 +53,7 @@ class LaserRanging:
     resolution_m: Annotated[float, Ge(0)] = 0.01
 
     def __post_init__(self) -> None:
-        if self.least_range_m >= self.greatest_range_m:
-            raise ValueError(
-                f"least_range_m {self.least_range_m:g} is not below greatest_range_m {self.greatest_range_m:g}"
-            )
+        check_limits(self.least_range_m, self.greatest_range_m)
 
     @property
     def body_from_sensor(self) -> Array:

@@ -112,6 +112,14 @@ def check_rate(rate_hz: float, flown_ns: int, what: str = "reading", key: str = 
         )
 
 
+def check_limits(least_range_m: float, greatest_range_m: float) -> None:
+    """ValueError for ranges, metres, between which nothing is measured."""
+    if least_range_m >= greatest_range_m:
+        raise ValueError(
+            f"least_range_m {least_range_m:g} is not below greatest_range_m {greatest_range_m:g}; swap or change them"
+        )
+
+
 def stamps_between(first: int, last: int, rate_hz: float) -> NDArray[np.int64]:
     """Stamps (n,) of a sensor at rate_hz from one time in ns to another, to the nearest nanosecond each."""
     period = Fraction(10**9) / Fraction(str(rate_hz))

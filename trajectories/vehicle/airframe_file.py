@@ -99,5 +99,5 @@ def _from_toml(text: str) -> Crazyflie:
     try:
         return TypeAdapter(kind).validate_python(table)
     except ValidationError as error:
-        messages = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise UserError(messages) from None
+        messages = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}".removeprefix(": ") for e in error.errors())
+        raise UserError("; ".join(text.removeprefix("Value error, ") for text in messages)) from None

@@ -32,7 +32,7 @@ class Crazyflie:
     T = c0 + c1 w + c2 w^2 (N, w in rad/s): its quadratic of the 16-bit command, with the command replaced by
     its own line w = 0.04077 c + 380.8. The drag of the rotors is -drag * sum(w) * airspeed, by body axis. Rotors are
     counted clockwise from front right; yaw_signs is the sign of each one's reaction torque about z. radius_m is
-    that of the sphere that must stay clear of everything.
+    that of the sphere that must stay clear of everything. ValueError unless min_thrust_n is below max_thrust_n.
     """
 
     mass_kg: Positive = 0.027
@@ -47,6 +47,12 @@ class Crazyflie:
     rotor_drag_kg: Triple = (9.1785e-7, 9.1785e-7, 1.0311e-6)
     body_drag_kg_m: Triple = (0.0, 0.0, 0.0)
     radius_m: Positive = 0.07
+
+    def __post_init__(self) -> None:
+        if self.min_thrust_n >= self.max_thrust_n:
+            raise ValueError(
+                f"min_thrust_n {self.min_thrust_n:g} is not below max_thrust_n {self.max_thrust_n:g}; swap them"
+            )
 
     def build(self, mount: Mount) -> str:
         """MJCF of the vehicle with a camera on this mount."""
