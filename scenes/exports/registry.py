@@ -68,7 +68,7 @@ def export(
         raise UserError(f"{folder}: is not empty; choose a new folder to export to")
     write = _with_settings(format, settings)
     others = sequence.cameras if EXPORTS[format].several else {}
-    for name, each in {MAIN: sequence, **others}.items():
+    for name, each in {shown_name(sequence): sequence, **others}.items():
         camera = each.camera
         if EXPORTS[format].fixed_mounts and each.on_gimbal:
             able = ", ".join(other for other, about in EXPORTS.items() if not about.fixed_mounts)
@@ -90,6 +90,11 @@ def export(
             raise UserError(f"{sequence.folder}: has data that cannot be exported: {error}; render it again") from error
         write_croissant(sequence, new, held, not_held)
         return not_held
+
+
+def shown_name(sequence: Sequence) -> str:
+    """Name of the camera that a sequence is of: MAIN, or that of a further camera that is exported in its place."""
+    return MAIN if sequence.vehicle is None else sequence.folder.name
 
 
 def _with_settings(format: str, settings: dict[str, Any]) -> Write:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import tomllib
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from tests.scenes.test_bag_exports import read
 from uavbench.bench.challenge.pack import _rendered
 from uavbench.bench.config.suite import load_suite, recorded_spec
 from uavbench.bench.external.job_folder import write_sensors
+from uavbench.bench.runner.extent import shortfalls
 from uavbench.bench.twin.twin import spec_of
 from uavbench.reports.evaluation.find_trajectory import mount_of
 from uavbench.reports.metrics.frame_errors import frame_errors
@@ -24,7 +26,7 @@ from uavbench.scenes.dataset.body import body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.exports.registry import EXPORTS, export
-from uavbench.scenes.generate import generate
+from uavbench.scenes.generate import generate, rehearse
 from uavbench.scenes.spec import BodyCamera, CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor
@@ -35,6 +37,7 @@ from uavbench.tracker.run import make_record
 from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.gimbal.axes import PitchAxis
 from uavbench.trajectories.gimbal.encoder import Encoder
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.paths.around import FigureEight
@@ -245,7 +248,26 @@ def test_formats_of_fixed_extrinsics_refuse_a_gimbal_by_name(one, tmp_path, form
         export(one, format, tmp_path / "out")
     fixed = replace(one.cameras["fixed"], vehicle=one.folder)
     export(fixed, format, tmp_path / "fixed")
+    with pytest.raises(UserError, match=f"camera 'aimed' is on a gimbal, and the format {format} has one pose"):
+        export(replace(one.cameras["aimed"], vehicle=one.folder), format, tmp_path / "aimed")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_target_that_is_seen_in_some_frames_or_in_none_is_told(tmp_path):
+    sway = FlightSpec(path=FigureEight(period_s=1.2, loops=1, width_m=0.1, depth_m=0.05, height_m=0.6, rise_m=0.3))
+    aimed = replace(SPEC, flight=sway, cameras=(), effects=(), annotations=(), clock=CameraClock())
+    stops = PitchAxis(least_deg=-21.0)
+    some = replace(aimed, mount=Gimbal(mode="target", target_m=(0.0, 0.0, 0.0), pitch_axis=stops))
+    (told,) = rehearse(some)
+    begin = r"gimbal of camera: the stops of pitch_axis, -21 to 60 degrees, keep it from its target in \d+ of"
+    assert re.match(begin, told)
+    assert made(some, tmp_path / "some").info["unreached"] == [told]
+    (line,) = shortfalls([tmp_path / "some" / "sequence.json"])
+    assert line == f"one: {told}"
+    none = replace(aimed, mount=Gimbal(mode="target", target_m=(0.0, 0.0, -9.0), pitch_axis=stops))
+    for way in (rehearse, lambda spec: made(spec, tmp_path / "none")):
+        with pytest.raises(UserError, match=r"sequence one: camera camera: mount.target_m: the stops of pitch_axis"):
+            way(none)
 
 
 @pytest.mark.parametrize("format", ["mcap", "rosbag2"])
@@ -359,7 +381,7 @@ structure = { kind = "box" }
 environment = { kind = "indoor" }
 flight.path = { kind = "hover", duration_s = 1.0 }
 mount = MOUNT
-cameras = [{ name = "right", mount = MOUNT }]
+cameras = [{ name = "right", mount = MOUNT, offset_s = 0.01 }]
 [trackers]
 hold = { kind = "hold" }
 """
