@@ -71,7 +71,7 @@ def extents(works: Iterable[Work]) -> list[Extent]:
     for k, (each, (first, *_)) in enumerate(zip(found, by_name.values(), strict=True)):
         flown_s += each.summary.duration_s if each.summary and first.spec.name not in known else 0.0
         if not each.problem and flown_s <= MOST_FLOWN_S:
-            flown = known.setdefault(first.spec.name, _rehearsed(each, first))
+            flown = known[first.spec.name] = known.get(first.spec.name) or _rehearsed(each, first)
             found[k] = replace(each, problem=flown.problem, unreached=flown.unreached)
     return found
 
