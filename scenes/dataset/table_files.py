@@ -25,7 +25,8 @@ FORMAT = 7
 4: edges by the outlines of triangles, before by four samples per pixel.
 5: what lies 2 mm before a surface is before it at all distances; with distortion, depth and masks at pixel centres.
 6: the files of depth, flow and normals are compressed further; with distortion, depth and masks at edges are those of
-the nearest facet; hills, ground and plants of a site. 7: a point is hidden where a surface is before its own place.
+the nearest facet; hills, ground and plants of a site.
+7: a point is hidden where a surface is before its own place; skies that are overcast, or have a low sun.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

@@ -23,6 +23,8 @@ SOFT = 0.7
 BLUR_PX, DARK = 4.0, 1.9
 """Blur of the depth of clouds, px of the tile, and the depth from which bases are darkest, in standard deviations:
 by eye."""
+DENSEST_EDGE = np.float32(-1.4)
+"""Edge of clouds below which they become no darker, as where they leave no gap, in standard deviations of the field."""
 HAZE_DISTANCE = 14.0
 """Distance over the height of the bases at which clouds have lost 1 - 1/e of their contrast, by eye: 17 km."""
 FINE_ROWS = 4
@@ -72,7 +74,7 @@ def _seen(field: Image, edge: float, elevation: Array, azimuth: Array) -> Clouds
         opacity = opacity + here * (1 - opacity)
     beneath = 1 - lit / np.maximum(opacity, np.float32(1e-6))
     flat = np.sqrt((EARTH * up) ** 2 + 2 * EARTH + 1) - EARTH * up
-    depth = np.clip((noise.blurred(field, BLUR_PX) - np.float32(edge)) / np.float32(DARK), 0, 1)
+    depth = np.clip((noise.blurred(field, BLUR_PX) - max(np.float32(edge), DENSEST_EDGE)) / np.float32(DARK), 0, 1)
     shade = np.asarray(beneath * _sampled(depth, flat * np.cos(elevation), azimuth), dtype=np.float32)
     return Clouds(opacity, shade)
 

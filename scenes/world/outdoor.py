@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from uavbench.scenes.materials.patches import Patches, patches
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.renderables import BuiltEnvironment, BuiltSite, BuiltStructure, Light, Part, Streams, Texture
 from uavbench.scenes.site.site import Site
-from uavbench.scenes.world.cloud_deck import Clouds, clouds
+from uavbench.scenes.world.cloud_deck import DENSEST_EDGE, Clouds, clouds
 from uavbench.scenes.world.tree_line import varied
 from uavbench.trajectories.pose import Array
 
@@ -25,6 +25,12 @@ RIM_M = 180.0
 ZENITH, HORIZON = (88.0, 142.0, 212.0), (202.0, 220.0, 236.0)
 CLOUD, CLOUD_SHADE, GROUND = (246.0, 246.0, 244.0), (164.0, 170.0, 180.0), (132.0, 136.0, 112.0)
 """sRGB colours (0..255) of the sky, the clouds, and the ground below the horizon."""
+LOW_SUN_RAD = np.radians(15.0)
+LOW_ZENITH, LOW_HORIZON, LOW_CLOUD = (70.0, 98.0, 152.0), (255.0, 196.0, 130.0), (255.0, 214.0, 178.0)
+"""Elevation of the sun below which the sky's colours turn to these, fully at the horizon and on its side: by eye."""
+CLOSING_FROM, CLOSING, CLOUD_HORIZON = 0.8, 12.5, (198.0, 203.0, 209.0)
+"""Cloudiness from which the gaps between clouds close, and by how many standard deviations of their field for a unit
+of it, and the colour of the horizon once there are none: by eye."""
 
 
 @dataclass(frozen=True)
@@ -140,18 +146,29 @@ def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator, heaped: boo
     near_sun = np.clip(x * sun[0] + y * sun[1] + up * sun[2], 0, 1)
     glow, disc = np.square(np.square(np.square(near_sun))) ** 3, np.exp(1500 * (near_sun - 1))
     pale = np.exp(-5 * np.clip(up, 0, 1))
+    low = max(0.0, 1 - float(np.arcsin(to_sun[2])) / LOW_SUN_RAD)
+    toward = low * np.square(0.5 + 0.5 * np.cos(azimuth - np.float32(np.arctan2(to_sun[1], to_sun[0]))))[None, :, None]
+    zenith, horizon = _turned(ZENITH, LOW_ZENITH, 0.7 * low), _turned(HORIZON, LOW_HORIZON, 0.3 * low + 0.7 * toward)
     blue = noise.paint((60.0, 52.0, 36.0), glow) + noise.paint((200.0, 200.0, 200.0), disc)
-    blue += (np.array(ZENITH) * (1 - pale[..., None]) + np.array(HORIZON) * pale[..., None]).astype(np.float32)
+    closed = max(0.0, cloudiness - CLOSING_FROM)
+    horizon = _turned(horizon, CLOUD_HORIZON, closed / (1 - CLOSING_FROM))
+    blue += (zenith * (1 - pale[..., None]) + horizon * pale[..., None]).astype(np.float32)
     field = noise.fractal((TILE_PX, TILE_PX), 300, rng, octaves=8, gain=0.58)
-    edge = np.float32(1.5 - 2.9 * cloudiness)
+    edge = np.float32(1.5 - 2.9 * cloudiness - CLOSING * closed)
     if heaped:
         seen = clouds(field, float(edge), elevation[:, 0].astype(np.float64), azimuth.astype(np.float64))
     else:
         seen = _plain_clouds(field, edge, (x, y, up))
-    white = noise.blend(np.broadcast_to(np.array(CLOUD, np.float32), (rows, w, 3)), CLOUD_SHADE, seen.shade)
+    lit = np.broadcast_to(_turned(CLOUD, LOW_CLOUD, 0.5 * low + 0.5 * toward).astype(np.float32), (rows, w, 3))
+    white = noise.blend(lit, CLOUD_SHADE, seen.shade)
     sky = noise.blend(blue, white, 0.92 * seen.opacity)
     image[:rows] = noise.blend(sky, GROUND, np.clip(-60 * up, 0, 1) * np.ones_like(seen.opacity))
     return image
+
+
+def _turned(color: Any, other: Any, part: Any) -> NDArray[np.float64]:
+    """A color, by a part (0..1) turned to another one."""
+    return np.asarray(np.array(color) + part * (np.array(other) - np.array(color)))
 
 
 def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image]) -> Clouds:
@@ -163,7 +180,7 @@ def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image
     cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
     mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)
     mask = mask * mask * (3 - 2 * mask) * np.clip((up - 0.01) / 0.10, 0, 1)
-    return Clouds(mask, np.clip((thick - edge) / np.float32(2.5), 0, 1))
+    return Clouds(mask, np.clip((thick - max(edge, DENSEST_EDGE)) / np.float32(2.5), 0, 1))
 
 
 def _rim(bounds: Array, rng: np.random.Generator) -> tuple[Part, ...]:

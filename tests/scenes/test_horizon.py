@@ -153,3 +153,28 @@ def test_an_overcast_sky_stays_overcast() -> None:
         elevation = np.radians(np.linspace(80, 20, 61))
         seen = clouds(field, 1.5 - 2.9 * cloudiness, elevation, np.linspace(-np.pi, np.pi, 256))
         assert least <= seen.opacity.mean() <= most
+
+
+@pytest.mark.parametrize("varied", [False, True])
+def test_an_overcast_sky_has_no_gap_of_blue(varied: bool) -> None:
+    for cloudiness, blue in ((0.35, True), (0.8, True), (1.0, False)):
+        built = replace(SOUTH, cloudiness=cloudiness, varied_horizon=varied).build(BOUNDS, stream(2, "environment"))
+        assert built.sky is not None
+        red, _, strong = (built.sky[: SKY_PX[0] // 2 - 8, :, k].astype(float) for k in range(3))
+        assert (strong - red).max() > 60 if blue else (strong - red).max() < 40
+
+
+def test_a_low_sun_colours_the_sky_on_its_side() -> None:
+    """Red against blue at the horizon beneath the sun, opposite, and as it is at noon."""
+    skies = {
+        e: replace(SOUTH, sun_elevation_deg=e, cloudiness=0.0).build(BOUNDS, stream(2, "environment")).sky
+        for e in (5.0, 15.0, 42.0)
+    }
+    warmth = {}
+    for elevation, sky in skies.items():
+        assert sky is not None
+        row = sky[SKY_PX[0] // 2 - 20].astype(float)
+        beneath = SKY_PX[1] // 4 + 100  # azimuth -90 degrees, beside the disc
+        warmth[elevation] = [row[x, 0] - row[x, 2] for x in (beneath, beneath + SKY_PX[1] // 2)]
+    assert warmth[5.0][0] > 20 > warmth[5.0][1] > warmth[42.0][1]
+    assert warmth[15.0][1] == warmth[42.0][1] < -20
