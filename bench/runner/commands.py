@@ -21,7 +21,7 @@ from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved,
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures
 from uavbench.bench.said import say
-from uavbench.bench.third_party.registry import absent
+from uavbench.bench.third_party.registry import THIRD_PARTY, absent
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.seals import sealed_kind
@@ -216,6 +216,11 @@ def track_real(
     from uavbench.tracker.registry import TRACKERS
     from uavbench.tracker.run import all_failed
 
+    if kind in THIRD_PARTY:
+        raise UserError(
+            f"tracker {kind!r}: a third-party tracker runs in suites only; name your images as a recording of a "
+            f"suite (recordings.NAME), and the tracker there as {{ kind = {kind!r} }}"
+        )
     if kind not in TRACKERS:
         raise unknown_name("tracker", kind, list(TRACKERS))
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)

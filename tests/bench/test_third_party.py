@@ -128,3 +128,24 @@ def test_an_environment_of_another_is_not_cleared(nowhere, monkeypatch, how):
 def test_an_unknown_peer_is_named(nowhere):
     with pytest.raises(UserError, match=r"unknown third-party tracker 'vips'.*visp"):
         setup("vips")
+
+
+@pytest.mark.parametrize("name", sorted(THIRD_PARTY))
+def test_tracking_images_by_a_peer_says_where_it_runs(tmp_path, name):
+    """`unknown tracker 'visp'` is no answer right after it was set up."""
+    done = uavbench(
+        "track",
+        name,
+        "--images",
+        str(tmp_path),
+        "--model",
+        "a.obj",
+        "--camera",
+        "a.toml",
+        "--init",
+        "b.toml",
+        "--out",
+        str(tmp_path / "out"),
+    )
+    assert done.returncode == 2 and f"{{ kind = {name!r} }}" in done.stderr, done.stderr
+    assert "recordings.NAME" in done.stderr and not (tmp_path / "out").exists()
