@@ -339,7 +339,7 @@ def with_surfaces(tmp_path_factory):
     folder = tmp_path_factory.mktemp("surfaces") / "box-s0"
     further = {
         "annotations": ["flow", "normals"],
-        "cameras": [{"name": "right", "camera": CAMERA}],
+        "cameras": [{"name": "right", "camera": CAMERA, "mount": {"offset_m": [0.0, -0.1, 0.0]}}],
         "crlb_every": 2,
         "flight": {"path": {"kind": "hand-pilot", "duration_s": 0.5}},
         "effects": [{"kind": "drops", "lost": 0.3}],
