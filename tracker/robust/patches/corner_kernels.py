@@ -100,7 +100,7 @@ def far_from(x: float, y: float, others: Array, count: int, distance: float) -> 
     return True
 
 
-@compiled("f1 f1 triangles", triangles=TRIANGLES)
+@compiled("f1 f1 triangles", inner=True, triangles=TRIANGLES)
 def first_hit(eye: Array, ray: Array, triangles: Triangles) -> int:
     """The first face that a ray (3,) from the viewpoint `eye` hits, -1 for none."""
     corners, boxes, nodes = triangles.corners, triangles.boxes, triangles.nodes
