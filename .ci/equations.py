@@ -8,6 +8,8 @@ from matplotlib import rc_context
 from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
+from uavbench.reports.fonts import name_fonts
+
 EQUATION = re.compile(r"^```math\n(.*?)\n```$", re.MULTILINE | re.DOTALL)
 SIZE_PX = 20
 """Of the text, in px of the page at its usual size."""
@@ -22,6 +24,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def drawn(tex: str) -> str:
     """An equation as SVG in the colour of the text, its TeX as label; ValueError where matplotlib cannot set it."""
+    name_fonts()
     with rc_context({"mathtext.fontset": "cm"}):
         outline = TextPath((0, 0), f"${' '.join(tex.split())}$", size=SIZE_PX)
     (left, bottom), (right, top) = outline.get_extents().padded(MARGIN_PX).get_points()

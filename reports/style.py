@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
+from uavbench.reports.fonts import name_fonts
 from uavbench.trajectories.files.origin import owning, refuse_foreign_file
 from uavbench.trajectories.files.seals import is_sealed_with
 from uavbench.trajectories.files.writing import new_file
@@ -75,6 +76,7 @@ RC: dict[str, Any] = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Context in which figures have the style of the reports, regardless of the user's matplotlibrc."""
+    name_fonts()
     with mpl.rc_context(), _what_is_there_uncollected():
         mpl.rcdefaults()
         mpl.rcParams.update(cast(Any, RC))

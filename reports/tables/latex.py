@@ -9,6 +9,7 @@ from functools import lru_cache
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
+from uavbench.reports.fonts import FOLDER
 from uavbench.reports.tables.columns import Column
 from uavbench.reports.tables.summary_table import Cell, Table
 
@@ -18,7 +19,8 @@ TEXT_PT, BOUNDS_PT, GAP_PT = 8.0, 6.0, 3.0
 """Font size of the text and of the intervals under it; half the space between two columns."""
 SLACK = 1.03
 """Safety factor of widths, for kerning and TeX's rounding."""
-FAMILY = FontProperties(family="STIXGeneral"), FontProperties(family="STIXGeneral", weight="bold")
+FAMILY = FontProperties(fname=FOLDER / "STIXGeneral.ttf"), FontProperties(fname=FOLDER / "STIXGeneralBol.ttf")
+"""Plain and bold."""
 
 
 def latex(table: Table, width_pt: float = TWO_COLUMNS_PT) -> str:
