@@ -301,6 +301,23 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
     assert (vaguer[both] > variance[both]).mean() > 0.9
 
 
+def test_patches_whose_scale_has_changed_take_no_place_of_others(flight):
+    poses, images = flight
+    view = View.of(CAMERA, box())
+    texture = Texture(edge_map(box()), CAMERA, view, CONFIG)
+    texture.take(images[0], poses[0], np.zeros((0, 2)))
+    texture.choose(view.at(poses[1]))
+    usual = texture.chosen
+    assert 10 < len(usual) <= len(texture)
+    old = usual[::2]
+    texture.patches.axes[old] /= 2.0  # taken from half as far away: four times the area
+    texture.patches.hits[old] = 100
+    texture.choose(view.at(poses[1]))
+    np.testing.assert_array_equal(np.intersect1d(texture.chosen, old), [])
+    assert np.isin(usual[1::2], texture.chosen).all()
+    assert (texture.align(images[1], view.at(poses[1]))[2] > 0).mean() > 0.7
+
+
 def test_patches_on_faces_that_a_frame_does_not_show_keep_their_places(flight):
     poses, images = flight
     view = View.of(CAMERA, box())

@@ -125,11 +125,26 @@ def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> War
     return Warp(u, v, A, 1.0 < area * config.max_area_change < config.max_area_change * config.max_area_change)
 
 
-@compiled("patches i0 f2 triangles view i0", patches=PATCHES, triangles=TRIANGLES, view=VIEW)
-def choose(patches: Patches, count: int, planes: Array, triangles: Triangles, view: View, most: int) -> Indices:
-    """Sorted rows of at most `most` of the first `count` patches that are visible at a pose: those found most often.
+@compiled(
+    "patches i0 f2 triangles view i0 alignment",
+    patches=PATCHES,
+    triangles=TRIANGLES,
+    view=VIEW,
+    alignment=ALIGNMENT,
+)
+def choose(
+    patches: Patches,
+    count: int,
+    planes: Array,
+    triangles: Triangles,
+    view: View,
+    most: int,
+    config: AlignmentConfig,
+) -> Indices:
+    """Sorted rows of at most `most` of the first `count` patches that can be found at a pose: those found most often.
 
-    planes (f, 4), triangles: those of the structure, see `EdgeMap`.
+    planes (f, 4), triangles: those of the structure, see `EdgeMap`. A patch whose scale has changed too much since its
+    creation takes no place of one that can be found.
     """
     middles, face = patches.middles, patches.face
     R, t, cam, size = view.R, view.t, view.lens, view.size_px
@@ -158,8 +173,11 @@ def choose(patches: Patches, count: int, planes: Array, triangles: Triangles, vi
     for k in range(n):
         if m == most:
             break
-        if not hidden(sight, middles[rows[k]], triangles, face[rows[k]], face[rows[k]]):
-            shown[rows[k]] = 1
+        p = rows[k]
+        if not warp(middles[p], patches.axes[p], view, config).alike:
+            continue
+        if not hidden(sight, middles[p], triangles, face[p], face[p]):
+            shown[p] = 1
             m += 1
     chosen = np.empty(m, np.int64)
     m = 0

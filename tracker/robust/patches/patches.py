@@ -24,7 +24,7 @@ from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose
 
 MAX_PATCHES = 600
-"""Capacity; when it is exceeded, three quarters of the patches are kept."""
+"""Capacity; when it is exceeded, three quarters of the patches are kept: those in use, and others found most often."""
 MOST_USED = 32
 """Patches searched per frame, and number found below which new ones are created: limits their time."""
 MOST_NEW = 6
@@ -60,7 +60,8 @@ class Texture:
 
     def choose(self, view: View) -> None:
         """Select the patches to search in a view: on visible faces, inside the image, those with most hits first."""
-        self.chosen = choose(self.patches, self.count, self.edges.planes, self.edges.triangles, view, MOST_USED)
+        planes, triangles = self.edges.planes, self.edges.triangles
+        self.chosen = choose(self.patches, self.count, planes, triangles, view, MOST_USED, self.alignment)
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
@@ -93,7 +94,8 @@ class Texture:
         """
         self.barren = True
         if self.count > MAX_PATCHES - MOST_USED:
-            order = np.argsort(-self.patches.hits[: self.count], kind="stable")
+            in_use = np.isin(np.arange(self.count), self.chosen)
+            order = np.lexsort([-self.patches.hits[: self.count], ~in_use])
             self._keep(np.argsort(order, kind="stable") < MAX_PATCHES * 3 // 4)
         spots = self._spots(pose)
         if not len(spots):
