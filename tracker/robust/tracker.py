@@ -11,6 +11,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision import Decider, Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.fit.unit_weight import UnitWeight
 from uavbench.tracker.robust.frames import Frame, Frames
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
@@ -56,6 +57,7 @@ class RobustRun:
         self.fitter = EdgeFitter(structure, camera, rng, config)
         self.frames = Frames(self.fitter, self.state, config)
         self.decider = Decider(self.fitter, camera, self.state, config)
+        self.unit_weight = UnitWeight(config.edges.appearance.learning_rate)
         self.expected: Motion | None = None
 
     def predict(self, cam_from_world: Pose, covariance: Array) -> None:
@@ -89,27 +91,27 @@ class RobustRun:
             self.learn(frame, decision.fit, stamp_ns)
             if not decision.is_open:
                 self.decider.places.add(frame.image, decision.fit.cam_from_world, decision.fit.range_m)
-        return undecided(decision, frame, clock) if decision.is_open else tracked(decision.fit, clock)
+        return undecided(decision, frame, clock) if decision.is_open else self.tracked(decision.fit, clock)
 
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:
-        """Update appearance, patches, biases, motion and the usual support with the fit of a frame."""
+        """Update appearance, patches, biases, motion, usual support and unit weight with the fit of a frame."""
+        self.unit_weight.learn(fit, self.fitter.biases.state)
         self.fitter.learn(frame.image, fit, frame.dt_s)
         self.state.learn(frame.predicted, fit, frame.dt_s, stamp_ns)
         self.frames.ok_rows = self.frames.seen_rows
 
-
-def tracked(fit: Fit, clock: StageClock) -> TrackResult:
-    """The result of a frame with an accepted pose."""
-    return TrackResult(
-        status="ok",
-        cam_from_world=fit.cam_from_world,
-        covariance=fit.covariance,
-        stage_ms=clock.ms,
-        control_points=fit.control_points,
-        candidates=fit.candidates,
-        inliers=fit.inliers,
-        log10_nfa=fit.log10_false_alarms(HYPOTHESES),
-    )
+    def tracked(self, fit: Fit, clock: StageClock) -> TrackResult:
+        """The result of a frame with an accepted pose."""
+        return TrackResult(
+            status="ok",
+            cam_from_world=fit.cam_from_world,
+            covariance=self.unit_weight.covariance(fit.covariance, self.camera),
+            stage_ms=clock.ms,
+            control_points=fit.control_points,
+            candidates=fit.candidates,
+            inliers=fit.inliers,
+            log10_nfa=fit.log10_false_alarms(HYPOTHESES),
+        )
 
 
 def undecided(decision: Decision, frame: Frame, clock: StageClock) -> TrackResult:

@@ -1,0 +1,80 @@
+"""Compiled spread of the edges of a frame about its fit, relative to the variances that were assumed of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.robust.solver.bias_state import (
+    BIAS_STATE,
+    EDGE_OFFSETS,
+    FRAME_SUMS,
+    BiasState,
+    EdgeOffsets,
+    FrameSums,
+)
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+Indices = NDArray[np.int64]
+
+
+class Spread(NamedTuple):
+    """Sum of squares of the mean residuals of edges, by their covariance, and its degrees of freedom."""
+
+    chi2: float
+    freedom: float
+
+
+@compiled("sums edges state i1 i1 f1 f2", sums=FRAME_SUMS, edges=EDGE_OFFSETS, state=BIAS_STATE)
+def edge_spread(
+    sums: FrameSums,
+    edges: EdgeOffsets,
+    state: BiasState,
+    first: Indices,
+    steps: Indices,
+    to_response: Array,
+    covariance: Array,
+) -> Spread:
+    """Spread of the edges in view of which a control point is located between the pixels (steps > 0, of first[g] on).
+
+    The residual of an edge has the variance of its own offset, of what it shares with its kind, and of its points.
+    to_response (r,): last step of the response; covariance (6, 6) of the pose, which takes degrees of freedom.
+    """
+    count = len(state.kind_prior)
+    weight, vector, rows, shared_px2 = np.zeros(count), np.zeros(count), np.zeros((count, 6)), np.zeros(count)
+    information, chi2, freedom = np.zeros((6, 6)), 0.0, 0.0
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    for g in range(len(S)):
+        located = False
+        for p in range(first[g], first[g + 1]):
+            located = located or steps[p] > 0
+        if S[g] <= 0.0 or not located:
+            continue
+        residual = d[g] / S[g]
+        for i in range(len(to_response)):
+            residual -= s[g, 6 + i] / S[g] * to_response[i]
+        a, k = 1.0 / (edges.variance_px2[g] + 1.0 / S[g]), state.kinds[edges.rows[g]]
+        chi2 += a * residual * residual
+        freedom += 1.0
+        for i in range(6):
+            for j in range(6):
+                information[i, j] += a * s[g, i] * s[g, j] / (S[g] * S[g])
+        if k >= 0:
+            signed = a * state.signs[edges.rows[g]]
+            weight[k] += a
+            vector[k] += signed * residual
+            shared_px2[k] = edges.kind_px2[g]
+            for i in range(6):
+                rows[k, i] += signed * s[g, i] / S[g]
+    for k in range(count):
+        if weight[k] > 0.0:  # Sherman & Morrison (1950): what a kind shares is of rank one
+            part = shared_px2[k] / (1.0 + shared_px2[k] * weight[k])
+            chi2 -= part * vector[k] * vector[k]
+            for i in range(6):
+                for j in range(6):
+                    information[i, j] -= part * rows[k, i] * rows[k, j]
+    for i in range(6):
+        for j in range(6):
+            freedom -= information[i, j] * covariance[i, j]
+    return Spread(chi2, freedom)
