@@ -103,13 +103,15 @@ class Roadway:
 class BuiltStructure:
     """A structure as designed, which trackers get, and as built, which is rendered.
 
-    parts are as built; deviation records the differences by name; road is the one that it carries, None for most.
+    parts are as built; deviation records the differences by name; road is the one that it carries, None for most; doors
+    (n, 2, 2) are the ends of each on the ground, counter-clockwise around the structure as designed, metres.
     """
 
     structure: Structure
     parts: tuple[Part, ...]
     deviation: dict[str, float | str] = field(default_factory=dict)
     road: Roadway | None = None
+    doors: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE
 from uavbench.trajectories.pose import Array
 
-FORMAT = 7
+FORMAT = 8
 """Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
 
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
@@ -27,6 +27,7 @@ FORMAT = 7
 6: the files of depth, flow and normals are compressed further; with distortion, depth and masks at edges are those of
 the nearest facet; hills, ground and plants of a site.
 7: a point is hidden where a surface is before its own place; skies that are overcast, or have a low sun.
+8: the plants of a site.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

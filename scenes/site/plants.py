@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.renderables import Part, Texture
@@ -16,8 +17,16 @@ TUFT_M = (0.12, 0.55)
 """Heights of grasses and ruderal herbs along walls, m (Ellenberg & Leuschner 2010, trampled and ruderal stands)."""
 REED_M = (0.8, 2.0)
 """Heights of reeds at the water's edge, m (Haslam 1972, Phragmites communis: 0.5 to 3 m)."""
-ASIDE_M = 0.30
-"""Scale of the distance of tufts from a wall, metres; its mean is a quarter of this."""
+ASIDE_M = 0.18
+"""Mean distance of tufts from a wall, metres, by eye."""
+CLUMP, CLUMP_M, ALONE = 7, 0.22, 0.2
+"""Mean number of tufts in a clump, standard deviation of their distance from its middle along the wall, metres, and
+share of tufts that stand alone: by eye."""
+VIGOUR, UNLIKE, LOWER_PER_M = 1.2, 0.13, 0.9
+"""Exponent by which low clumps are more frequent than high ones, standard deviation of tufts within a clump, and by how
+much tufts are lower for each metre away from the wall, of the range of log heights: by eye."""
+TRODDEN_M = (0.45, 2.5)
+"""Widths beside a door, and length of the way to it, on which nothing grows, metres: by eye."""
 TUFTS_PER_M, REEDS_PER_M = 6.0, 3.0
 """Plants per metre of wall or bank at density 1."""
 REEDS_ALONG_M = 45.0
@@ -36,35 +45,84 @@ class Stand:
     heights_m: Array
 
 
-def at_feet(terrain: Terrain, density: float, rng: np.random.Generator) -> Stand:
-    """Tufts along the footprints of the structure, on dry ground outside the carriageway.
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What plants look like: a texture with so many drawings side by side, each `wide` times as wide as high."""
 
-    Heights are log-normal, clipped to TUFT_M; density 1 is TUFTS_PER_M.
+    texture: Texture
+    drawings: int
+    wide: float
+
+
+def tufts(rng: np.random.Generator) -> Look:
+    """Grass that is dense, tall and dry, and low."""
+    drawn = [
+        blades(rng, 70, (98.0, 118.0, 52.0), 0.16),
+        blades(rng, 30, (124.0, 124.0, 66.0), 0.22),
+        blades(rng, 50, (84.0, 110.0, 50.0), 0.26),
+    ]
+    return Look(np.concatenate(drawn, axis=1), len(drawn), 0.9)
+
+
+def reeds(rng: np.random.Generator) -> Look:
+    """Reeds."""
+    return Look(blades(rng, 26, (118.0, 126.0, 66.0), 0.07), 1, 0.55)
+
+
+def at_feet(terrain: Terrain, doors: Array, density: float, rng: np.random.Generator) -> Stand:
+    """Tufts along the footprints of the structure, on dry ground outside the carriageway and the ways to doors.
+
+    doors (n, 2, 2): the ends of each on the ground, counter-clockwise around the structure, metres. Tufts stand in
+    clumps and alone, lower the farther from the wall, of heights in TUFT_M; density 1 is TUFTS_PER_M.
     """
-    places = []
-    for (x0, y0), (x1, y1) in terrain.feet:
-        around = 2 * (x1 - x0 + y1 - y0)
-        for _ in range(round(around * TUFTS_PER_M * density)):
-            t, aside = rng.uniform(0, around), rng.exponential(ASIDE_M / 4)
-            w, h = x1 - x0, y1 - y0
-            if t < w:
-                places.append((x0 + t, y0 - aside))
-            elif t < w + h:
-                places.append((x1 + aside, y0 + t - w))
-            elif t < 2 * w + h:
-                places.append((x1 - (t - w - h), y1 + aside))
-            else:
-                places.append((x0 - aside, y1 - (t - 2 * w - h)))
-    at = np.array(places).reshape(-1, 2)
-    low, high = np.log(TUFT_M)
-    heights = np.exp(np.clip(rng.normal((low + high) / 2, (high - low) / 4, len(at)), low, high))
+    places, shares = [np.zeros((0, 2))], [np.zeros(0)]
+    for low, high in terrain.feet:
+        around = 2 * float((high - low).sum())
+        count = round(around * TUFTS_PER_M * density)
+        middles = rng.uniform(0, around, max(1, round(count / CLUMP)))
+        clump = rng.integers(len(middles), size=count)
+        along = middles[clump] + rng.normal(0, CLUMP_M, count)
+        alone = rng.random(count) < ALONE
+        along[alone] = rng.uniform(0, around, int(alone.sum()))
+        aside = rng.exponential(ASIDE_M, count)
+        vigour = rng.random(len(middles)) ** VIGOUR
+        places.append(_beside(low, high, along % around, aside))
+        shares.append(vigour[clump] + rng.normal(0, UNLIKE, count) - LOWER_PER_M * aside)
+    at = np.concatenate(places)
+    lowest, highest = np.log(TUFT_M)
+    heights = np.exp(lowest + (highest - lowest) * np.concatenate(shares).clip(0, 1))
     low_m, high_m = terrain.feet[:, 0], terrain.feet[:, 1]
     within = (at[:, None] > low_m) & (at[:, None] < high_m)  # (n, feet, 2)
     inside = np.asarray((within[..., 0] & within[..., 1]).any(axis=1))
     dry = terrain.height(at) > -WATER_M / 2
     if terrain.course is not None and terrain.course.kind == "road":
         dry &= terrain.course.across(at) > terrain.course.half_m
-    return Stand(at[dry & ~inside], heights[dry & ~inside])
+    free = dry & ~inside & ~_before(doors, at)
+    return Stand(at[free], heights[free])
+
+
+def _beside(low: Array, high: Array, along: Array, aside: Array) -> Array:
+    """Points (n, 2) aside of a rectangle from low to high (2,), at distances (n,) along its sides from low; metres."""
+    w, h = high - low
+    front, right, back = along < w, along < w + h, along < 2 * w + h
+    x = np.select([front, right, back], [low[0] + along, high[0] + aside, high[0] - (along - w - h)], low[0] - aside)
+    y = np.select([front, right, back], [low[1] - aside, low[1] + along - w, high[1] + aside], high[1])
+    left = ~(front | right | back)
+    y[left] -= along[left] - 2 * w - h
+    return np.column_stack([x, y])
+
+
+def _before(doors: Array, at: Array) -> NDArray[np.bool_]:
+    """Mask (n,) of points (n, 2) before doors (k, 2, 2), see `at_feet`."""
+    beside, ahead = TRODDEN_M
+    before = np.zeros(len(at), dtype=bool)
+    for start, end in doors:
+        wide = float(np.linalg.norm(end - start))
+        along = (end - start) / wide
+        outward = np.array([along[1], -along[0]])
+        u, v = (at - start) @ along, (at - start) @ outward
+        before |= (u > -beside) & (u < wide + beside) & (v > -beside) & (v < ahead)
+    return before
 
 
 def at_water(terrain: Terrain, density: float, rng: np.random.Generator) -> Stand:
@@ -84,8 +142,8 @@ def at_water(terrain: Terrain, density: float, rng: np.random.Generator) -> Stan
     return Stand(at[~beneath], rng.uniform(*REED_M, count)[~beneath])
 
 
-def cards(stand: Stand, terrain: Terrain, texture: Texture, wide: float, rng: np.random.Generator) -> Part:
-    """Two crossed upright cards for each plant, `wide` times as wide as high.
+def cards(stand: Stand, terrain: Terrain, look: Look, rng: np.random.Generator) -> Part:
+    """Two crossed upright cards for each plant, one of the look's drawings on each, mirrored or not.
 
     Each card has a triangle pair per side, all with upward normals, so that both sides are lit from above.
     """
@@ -96,19 +154,23 @@ def cards(stand: Stand, terrain: Terrain, texture: Texture, wide: float, rng: np
     corners = np.zeros((n, 2, 4, 3))
     for k in range(2):
         across = np.column_stack([np.cos(turn + k * np.pi / 2), np.sin(turn + k * np.pi / 2)])
-        half = 0.5 * wide * stand.heights_m[:, None] * across
+        half = 0.5 * look.wide * stand.heights_m[:, None] * across
         for c, (side, up) in enumerate(((-1, 0), (1, 0), (1, 1), (-1, 1))):
             corners[:, k, c, :2] = stand.places + side * half + up * lean
             corners[:, k, c, 2] = z + up * stand.heights_m
     first = 4 * np.arange(2 * n)[:, None]
     tone = np.repeat(rng.uniform(0.7, 1.15, n), 8)
     shade = tone * np.tile([0.6, 0.6, 1.3, 1.3], 2 * n)  # darker at the roots
+    sides = np.tile([[0.02, 0.98, 0.98, 0.02]], (2 * n, 1))
+    mirrored = rng.random(2 * n) < 0.5
+    sides[mirrored] = 1 - sides[mirrored]
+    u = (rng.integers(look.drawings, size=2 * n)[:, None] + sides) / look.drawings
     return Part(
         vertices=corners.reshape(-1, 3),
         triangles=np.concatenate([first + np.array(corner) for corner in BOTH_SIDES]),
         normals=np.tile([0.0, 0.0, 1.0], (8 * n, 1)),
-        uv=np.tile([[0.02, 0.02], [0.98, 0.02], [0.98, 0.98], [0.02, 0.98]], (2 * n, 1)),
-        texture=texture,
+        uv=np.column_stack([u.reshape(-1), np.tile([0.02, 0.02, 0.98, 0.98], 2 * n)]),
+        texture=look.texture,
         tint=np.column_stack([shade, shade, shade, np.ones(8 * n)]),
         roughness=1.0,
         casts_shadow=False,

@@ -1,6 +1,7 @@
 """Parameters of a site, and its adaptation to the structure that stands on it."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -71,7 +72,8 @@ class Site:
     def build(self, ground: Material, built: BuiltStructure, streams: Streams) -> BuiltSite:
         """The site around a structure; ground is the material of the level ground.
 
-        Neighbours, clouds, water and dirt have random streams of their own: adding one leaves the others as they are.
+        Neighbours, plants, clouds, water and dirt have random streams of their own: adding one leaves the others as
+        they are.
         UserError when embankments or markings are set for a structure without a road, or no road fits beneath it, or
         there is no room for the neighbours.
         """
@@ -92,7 +94,7 @@ class Site:
         if built.road is not None and self.embankments:
             parts += self._approaches(built.road, bounds, shared)
         if self.plants > 0:
-            parts += _plants(terrain, self.plants, rng)
+            parts += _plants(terrain, built.doors, self.plants, streams)
         if self.contact_shadows:
             structure = tuple(_cut_low(part) for part in structure)
         if self.wet > 0:
@@ -283,12 +285,18 @@ def _wetted(parts: list[Part], shared: _Shared, share: float, rng: np.random.Gen
     return out
 
 
-def _plants(terrain: Terrain, density: float, rng: np.random.Generator) -> list[Part]:
+def _plants(terrain: Terrain, doors: Array, density: float, streams: Streams) -> list[Part]:
     """Tufts along footprints, reeds along water."""
-    grass = plants.blades(rng, 70, (98.0, 118.0, 52.0), 0.16)
-    reed = plants.blades(rng, 26, (118.0, 126.0, 66.0), 0.07)
-    stands = ((plants.at_feet(terrain, density, rng), grass, 0.9), (plants.at_water(terrain, density, rng), reed, 0.55))
-    return [plants.cards(stand, terrain, look, wide, rng) for stand, look, wide in stands if len(stand.places)]
+    out = []
+    for kind, grown, look in (
+        ("tufts", partial(plants.at_feet, terrain, doors), plants.tufts),
+        ("reeds", partial(plants.at_water, terrain), plants.reeds),
+    ):
+        rng = streams(kind)
+        stand = grown(density, rng)
+        if len(stand.places):
+            out.append(plants.cards(stand, terrain, look(rng), rng))
+    return out
 
 
 def _cut_low(part: Part) -> Part:

@@ -41,13 +41,14 @@ class Building:
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
         looks = facade.window_and_door_looks(rng)
         solids, panels = self.raised(surface, stone, looks, rng)
-        return BuiltStructure(structure_of(solids), (*cover_all(solids), *panels))
+        doors = facade.doors(self._front_openings(), self._sides()[0])
+        return BuiltStructure(structure_of(solids), (*cover_all(solids), *panels), doors=doors)
 
     def raised(self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator) -> Raised:
         """The building in given materials; looks are those of windows, the last one that of the door."""
         z = self.height_m
         side_bays = max(1, round(self.bays * self.width_m / self.length_m))
-        front = facade.openings(self.length_m, z, self.bays, self.storeys, door_bay=self.bays // 2)
+        front = self._front_openings()
         back = facade.openings(self.length_m, z, self.bays, self.storeys, door_bay=None)
         side = facade.openings(self.width_m, z, side_bays, self.storeys, door_bay=None)
         plant = 0.16 * self.length_m
@@ -61,6 +62,9 @@ class Building:
             solids += [self._coping(face, beyond, stone), facade.downpipe(face, 0.25)]
             painted += filled(holes, face, looks, rng)
         return Raised(solids, painted)
+
+    def _front_openings(self) -> tuple[Opening, ...]:
+        return facade.openings(self.length_m, self.height_m, self.bays, self.storeys, door_bay=self.bays // 2)
 
     def _sides(self) -> list[Side]:
         """Front (-y), right (+x), back, left."""

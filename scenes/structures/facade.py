@@ -70,6 +70,11 @@ def openings(width_m: float, height_m: float, bays: int, storeys: int, door_bay:
     return tuple(out)
 
 
+def doors(holes: tuple[Opening, ...], side: Side) -> Array:
+    """Ends (n, 2, 2) of each door on the ground, x and y in metres."""
+    return np.array([[side.at(x, 0.0)[:2] for x in (o.x0, o.x1)] for o in holes if o.door]).reshape(-1, 2, 2)
+
+
 def trim(holes: tuple[Opening, ...], side: Side, beyond_m: float, stone: Material) -> list[Solid]:
     """Sills below the windows, and a plinth with gaps for the doors that extends beyond_m past both ends."""
     doors = sorted((o.x0, o.x1) for o in holes if o.door)

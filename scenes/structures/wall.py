@@ -33,7 +33,8 @@ class Wall:
         holes = facade.openings(self.width_m, self.height_m, self.bays, self.storeys, door_bay=self.bays // 2)
         solids = [self._slab(holes, surface), *facade.trim(holes, self._front, 0.0, stone), self._coping(stone)]
         solids.append(facade.downpipe(self._front, 0.3))
-        return BuiltStructure(structure_of(solids), (*cover_all(solids), *filled(holes, self._front, looks, rng)))
+        parts = (*cover_all(solids), *filled(holes, self._front, looks, rng))
+        return BuiltStructure(structure_of(solids), parts, doors=facade.doors(holes, self._front))
 
     @property
     def _front(self) -> Side:

@@ -24,6 +24,8 @@ from uavbench.scenes.site.site import Site
 from uavbench.scenes.site.terrain import BANK_SLOPE, BED_M, FILL_SLOPE, SUNK_M, WATER_M, Course, Embankment, Terrain
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structures.bridge import Bridge
+from uavbench.scenes.structures.building import Building
+from uavbench.scenes.structures.wall import Wall
 from uavbench.scenes.world.outdoor import Outdoor
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
@@ -41,7 +43,7 @@ WHITE = np.full((1, 1, 3), 200, dtype=np.uint8)
 @pytest.fixture(autouse=True)
 def one_paint(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plain materials: painting takes seconds, and no test here looks at it."""
-    for name in ("gravel", "asphalt", "concrete", "painted_steel"):
+    for name in ("gravel", "asphalt", "concrete", "painted_steel", "window", "door"):
         monkeypatch.setattr(materials, name, lambda *_, **__: PLAIN)
 
 
@@ -279,9 +281,7 @@ def test_plants_do_not_thin_out_from_afar() -> None:
     feet = np.array([[[-2.0, -0.5], [2.0, 0.5]]])
     terrain = Terrain(np.array([[-2.0, -0.5, 0.0], [2.0, 0.5, 4.0]]), feet)
     rng = np.random.default_rng(2)
-    tufts = plants.cards(
-        plants.at_feet(terrain, 2.0, rng), terrain, plants.blades(rng, 70, (98.0, 118.0, 52.0), 0.16), 0.9, rng
-    )
+    tufts = plants.cards(plants.at_feet(terrain, np.zeros((0, 2, 2)), 2.0, rng), terrain, plants.tufts(rng), rng)
     camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
 
     def covered(renderer: Renderer, away_m: float) -> float:
@@ -296,6 +296,43 @@ def test_plants_do_not_thin_out_from_afar() -> None:
             left[keeps] = covered(renderer, 96.0) / covered(renderer, 12.0)
     assert left[True] == pytest.approx(0.93, abs=0.08)
     assert left[False] < 0.7, "with the mean alpha of blades and gaps"
+
+
+def test_no_plant_grows_before_a_door() -> None:
+    """Not even where a card is turned or leans towards the door; beside the way to it they do."""
+    for structure in (Wall(), Building(), Wall(bays=1)):
+        built = structure.build(np.random.default_rng(0))
+        assert built.doors.shape == (1, 2, 2)
+        start, end = built.doors[0]
+        assert end[0] - start[0] == pytest.approx(1.0) and start[1] == end[1]
+        site = Site(plants=5.0).build(PLAIN, built, STREAMS)
+        (grown,) = [p for p in site.parts if p.instance == plants.INSTANCE]
+        x, y = grown.vertices[:, 0], grown.vertices[:, 1]
+        in_front = y < start[1]
+        assert not (in_front & (x > start[0]) & (x < end[0])).any()
+        assert (in_front & (x > start[0] - 1.5) & (x < end[0] + 1.5)).sum() > 20
+
+
+def test_plants_along_a_wall_are_no_row() -> None:
+    """They stand in clumps of different heights: gaps and heights vary more than those of independent places."""
+    feet = np.array([[[-20.0, -0.5], [20.0, 0.5]]])
+    terrain = Terrain(np.array([[-20.0, -0.5, 0.0], [20.0, 0.5, 4.0]]), feet)
+    stand = plants.at_feet(terrain, np.zeros((0, 2, 2)), 1.0, np.random.default_rng(4))
+    counts = np.histogram(stand.places[:, 0], np.arange(-20.0, 20.5, 0.5))[0]
+    assert counts.var() > 2 * counts.mean(), "a Poisson process has the same variance and mean"
+    assert np.log(stand.heights_m).std() > 0.42
+    assert (stand.heights_m >= plants.TUFT_M[0]).all() and (stand.heights_m <= plants.TUFT_M[1]).all()
+    nearest = np.abs(stand.places[:, 1]) - 0.5
+    near = nearest < 0.1
+    assert stand.heights_m[near].mean() > 1.2 * stand.heights_m[~near].mean(), "lower away from the wall"
+    assert 0.1 < nearest[np.abs(stand.places[:, 0]) < 19].mean() < 0.3
+
+
+def test_plants_surround_a_footprint() -> None:
+    low, high = np.array([1.0, 2.0]), np.array([4.0, 3.0])
+    along = np.array([0.0, 2.0, 3.5, 5.0, 7.5])
+    expected = [[1, 1.9], [3, 1.9], [4.1, 2.5], [3.0, 3.1], [0.9, 2.5]]
+    assert plants._beside(low, high, along, np.full(5, 0.1)) == pytest.approx(np.array(expected))
 
 
 def test_every_mipmap_of_blades_has_as_many_opaque_pixels() -> None:
