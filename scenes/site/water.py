@@ -13,6 +13,9 @@ BODY = (0.020, 0.030, 0.018)
 SLOPE_RMS = 0.039
 """Rms slope of the ripples along each axis: a mean square slope of 0.003 in total, for calm air (Cox & Munk 1954)."""
 TILE_M, TILE_PX = 8.0, 512
+LARGEST_M, OCTAVES = 2.0, 7
+"""Size of the largest ripples, metres, and how often it is halved, with slopes of equal RMS: down to 3 cm, by eye.
+Reflections in larger ripples alone are blots with sharp edges."""
 FAR_M = 400.0
 
 
@@ -42,8 +45,8 @@ def surface(terrain: Terrain, rng: np.random.Generator) -> Part:
 
 
 def ripples(rng: np.random.Generator) -> Texture:
-    """Slope texture of a gently rippled surface, 8 m square: isotropic noise with features of 2 m to 0.1 m."""
-    height = noise.fractal((TILE_PX, TILE_PX), 2.0 / TILE_M * TILE_PX, rng, octaves=5, gain=0.5)
+    """Slope texture of a gently rippled surface, 8 m square: isotropic noise with features of 2 m to 0.03 m."""
+    height = noise.fractal((TILE_PX, TILE_PX), LARGEST_M / TILE_M * TILE_PX, rng, OCTAVES, gain=0.5)
     slopes = [np.roll(height, -1, axis) - np.roll(height, 1, axis) for axis in (1, 0)]
     scaled = [SLOPE_RMS / float(slope.std()) * slope for slope in slopes]
     codes = [np.rint(np.clip(slope / RIPPLE_SLOPE, -127, 127) + 128) for slope in scaled]

@@ -198,6 +198,15 @@ def test_water_mirrors_what_stands_over_it() -> None:
     assert np.ptp(light[round(beside[1]), round(beside[0])]) < 0.3 * mirrored, "sky, beside it"
 
 
+def test_small_ripples_break_up_reflections() -> None:
+    """A fifth of the slopes' variance is of waves below 0.2 m, without which reflections are blots of half a metre."""
+    slopes = water.ripples(np.random.default_rng(5))[..., :2].astype(float) - 128
+    per_m = np.fft.fftfreq(water.TILE_PX) * water.TILE_PX / water.TILE_M
+    short = np.hypot(per_m[:, None], per_m) > 1 / 0.2
+    power = np.abs(np.fft.fft2(slopes, axes=(0, 1))) ** 2
+    assert power[short].sum() > 0.2 * power.sum()
+
+
 def test_a_mirror_image_is_as_bright_as_fresnel_says() -> None:
     """At normal incidence 2 %, near grazing nearly all (Schlick 1994)."""
     terrain = Terrain(np.array([[-4.0, -1.0, 0.0], [4.0, 1.0, 4.0]]), np.zeros((0, 2, 2)), Course("river", 0.0, 80.0))
