@@ -1,5 +1,8 @@
 """Seeded, tileable noise images, and operations on images, for procedural materials."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +10,16 @@ from numpy.typing import NDArray
 from uavbench.scenes.rendering import pixel_kernels as kernels
 
 Image = NDArray[np.float32]
+
+
+class Octave(NamedTuple):
+    """One octave of noise: its amplitude, and the size of its features upwards and across, px."""
+
+    amplitude: float
+    high_px: float
+    wide_px: float
+
+
 CUT_OFF = 1.05
 """Cycles per feature size above which the power spectrum is below 2e-5 of its maximum."""
 
@@ -17,7 +30,7 @@ def tiling(shape: tuple[int, int], size_px: float | tuple[float, float], rng: np
     size_px is the feature size, isotropic or (along y, along x).
     """
     sizes = (float(size_px), float(size_px)) if isinstance(size_px, int | float) else size_px
-    return _shaped(shape, [(1.0, *sizes)], rng)
+    return layered(shape, [Octave(1.0, *sizes)], rng)
 
 
 def fractal(
@@ -33,13 +46,14 @@ def fractal(
     amplitude of the one before.
     """
     sizes = [largest_px / 2**octave for octave in range(octaves)]
-    return _shaped(shape, [(gain**k, size, size) for k, size in enumerate(sizes)], rng)
+    return layered(shape, [Octave(gain**k, size, size) for k, size in enumerate(sizes)], rng)
 
 
-def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], rng: np.random.Generator) -> Image:
-    """Gaussian noise (h, w) whose power spectrum is the sum of its octaves (amplitude, size along y, along x).
+def layered(shape: tuple[int, int], octaves: Sequence[Octave], rng: np.random.Generator) -> Image:
+    """Tileable Gaussian noise (h, w) whose power spectrum is the sum of its octaves, of zero mean and unit deviation.
 
-    Synthesized in the frequency domain, up to the cut-off of the finest octave.
+    Features of half the height of the tile, or more, are streaks from its lower to its upper side. Synthesized in the
+    frequency domain, up to the cut-off of the finest octave.
     """
     (h, w), (_, finest_y, finest_x) = shape, octaves[-1]
     rows, columns = (min(n // 2, int(np.ceil(CUT_OFF * n / size))) for n, size in ((h, finest_y), (w, finest_x)))

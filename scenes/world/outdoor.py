@@ -13,7 +13,7 @@ from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.materials.patches import Patches, patches
-from uavbench.scenes.materials.procedural_texture import Image
+from uavbench.scenes.materials.procedural_texture import Image, Octave
 from uavbench.scenes.renderables import BuiltEnvironment, BuiltSite, BuiltStructure, Light, Part, Streams, Texture
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.world.cloud_deck import DENSEST_EDGE, Clouds, clouds
@@ -31,6 +31,12 @@ LOW_ZENITH, LOW_HORIZON, LOW_CLOUD = (70.0, 98.0, 152.0), (255.0, 196.0, 130.0),
 CLOSING_FROM, CLOSING, CLOUD_HORIZON = 0.8, 12.5, (198.0, 203.0, 209.0)
 """Cloudiness from which the gaps between clouds close, and by how many standard deviations of their field for a unit
 of it, and the colour of the horizon once there are none: by eye."""
+WOODED = tuple(
+    Octave(0.7**k, high, wide) for k, (high, wide) in enumerate(((48, 240), (32, 120), (24, 60), (18, 30), (15, 15)))
+)
+"""Woods on distant hills: larger patches are foreshortened, since the slopes are seen at a slant; by eye."""
+CROWNS = tuple(Octave(0.7**k, 28 / 2**k, 28 / 2**k) for k in range(5))
+"""Crowns in the belt of trees before them, by eye."""
 
 
 @dataclass(frozen=True)
@@ -187,11 +193,11 @@ def _rim(bounds: Array, rng: np.random.Generator) -> tuple[Part, ...]:
     """Distant hills and a belt of trees: two alpha-tested cylindrical bands with an irregular skyline."""
     centre = bounds.mean(axis=0)[:2]
     out = []
-    for distance, height, color, rough in (
-        (RIM_M * 2.2, 42.0, (112.0, 128.0, 118.0), 120.0),
-        (RIM_M, 15.0, (70.0, 86.0, 52.0), 14.0),
+    for distance, height, color, rough, tones in (
+        (RIM_M * 2.2, 42.0, (112.0, 128.0, 118.0), 120.0, WOODED),
+        (RIM_M, 15.0, (70.0, 86.0, 52.0), 14.0, CROWNS),
     ):
-        texture = _band(color, rough, rng)
+        texture = _band(color, rough, tones, rng)
         sides = 40
         angle = np.arange(sides + 1) * 2 * np.pi / sides
         around = np.column_stack([np.cos(angle), np.sin(angle)]) * distance + centre
@@ -218,11 +224,14 @@ def _rim(bounds: Array, rng: np.random.Generator) -> tuple[Part, ...]:
     return tuple(out)
 
 
-def _band(color: tuple[float, float, float], rough_px: float, rng: np.random.Generator) -> Texture:
+def _band(
+    color: tuple[float, float, float], rough_px: float, tones: tuple[Octave, ...], rng: np.random.Generator
+) -> Texture:
+    """RGBA texture (h, w) of hills or trees of a colour, with a skyline that is rough_px rough and tones of octaves."""
     h, w = 256, 2048
     outline = 0.58 + 0.13 * noise.fractal((1, w), rough_px * 12, rng, octaves=7, gain=0.72)[0]
     y = 1 - np.arange(h, dtype=np.float32)[:, None] / h
-    crowns = noise.fractal((h, w), max(rough_px * 2, 24), rng, octaves=5, gain=0.7)
+    crowns = noise.layered((h, w), tones, rng)
     image = noise.paint(color, (1 + 0.22 * crowns) * (0.55 + 0.6 * y / outline[None]))
     alpha = np.where(y < outline[None], 255, 0).astype(np.uint8)
     return np.dstack([noise.finish(image), alpha])

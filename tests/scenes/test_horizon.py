@@ -76,6 +76,17 @@ def test_trees_and_hills_go_around_once(built: BuiltEnvironment) -> None:
     assert repeats(belt, belt.shape[1] // 10) < repeats(belt, 4) - 0.1
 
 
+def test_plain_hills_have_no_vertical_streaks() -> None:
+    """Their tones change faster upwards than across."""
+    for seed in range(3):
+        texture = outdoor._rim(BOUNDS, stream(seed, "environment"))[0].texture
+        assert texture is not None
+        tones, hill = np.log1p(texture[..., 1].astype(float)), texture[..., 3] > 0
+        upwards = (tones[8:] - tones[:-8])[hill[8:] & hill[:-8]].std()
+        across = (np.roll(tones, -8, axis=1) - tones)[hill & np.roll(hill, -8, axis=1)].std()
+        assert upwards > 1.5 * across
+
+
 def test_the_belt_is_brighter_opposite_the_sun(built: BuiltEnvironment) -> None:
     to_sun = np.array(built.light.to_lamp)
     for band in built.parts[-2:]:
