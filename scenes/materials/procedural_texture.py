@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from uavbench.scenes.rendering import pixel_kernels as kernels
 
 Image = NDArray[np.float32]
+BLUR_REACH = 4.5
+"""Standard deviations of a blur beyond which no pixel counts: OpenCV's kernel ends at 4 of them, rounded up."""
 
 
 class Octave(NamedTuple):
@@ -98,6 +100,13 @@ def blend(under: Image, over: Image | tuple[float, float, float], mask: Image) -
 def blurred(image: Image, sigma_px: float) -> Image:
     """The image after a Gaussian blur of standard deviation sigma_px."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
+
+
+def blurred_tile(tile: Image, sigma_px: float) -> Image:
+    """The tile after a Gaussian blur of standard deviation sigma_px, which goes on beyond its sides: it has no seam."""
+    margin = int(np.ceil(BLUR_REACH * sigma_px))
+    wide = cv2.copyMakeBorder(tile, margin, margin, margin, margin, cv2.BORDER_WRAP)
+    return np.ascontiguousarray(blurred(np.asarray(wide), sigma_px)[margin:-margin, margin:-margin])
 
 
 def finish(image: Image) -> NDArray[np.uint8]:

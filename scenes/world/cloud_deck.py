@@ -74,7 +74,7 @@ def _seen(field: Image, edge: float, elevation: Array, azimuth: Array) -> Clouds
         opacity = opacity + here * (1 - opacity)
     beneath = 1 - lit / np.maximum(opacity, np.float32(1e-6))
     flat = np.sqrt((EARTH * up) ** 2 + 2 * EARTH + 1) - EARTH * up
-    depth = np.clip((noise.blurred(field, BLUR_PX) - max(np.float32(edge), DENSEST_EDGE)) / np.float32(DARK), 0, 1)
+    depth = np.clip((noise.blurred_tile(field, BLUR_PX) - max(np.float32(edge), DENSEST_EDGE)) / np.float32(DARK), 0, 1)
     shade = np.asarray(beneath * _sampled(depth, flat * np.cos(elevation), azimuth), dtype=np.float32)
     return Clouds(opacity, shade)
 

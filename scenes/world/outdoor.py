@@ -181,7 +181,7 @@ def _plain_clouds(field: Image, edge: np.float32, way: tuple[Image, Image, Image
     """A plane of clouds where a field exceeds an edge; way is (x, y, up), (h, w) each."""
     x, y, up = way
     height = np.clip(up, 0.035, 1)
-    lit = noise.blurred(field, 10)
+    lit = noise.blurred_tile(field, 10)
     u, v = (np.mod(along / height * 130 + 4000, TILE_PX).astype(np.float32) for along in (x, y))
     cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
     mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)

@@ -142,6 +142,26 @@ def test_clouds_are_not_smeared_above_the_horizon() -> None:
     assert both > 0.8, "the same clouds are overhead"
 
 
+def test_clouds_go_on_where_their_tile_begins_again() -> None:
+    """Along rows of pixels of the tile across its end, shades of the clouds change no faster there than elsewhere."""
+    field = noise.fractal((TILE_PX, TILE_PX), 300, stream(1, "sky"), octaves=8, gain=0.58)
+    ends = 4096 - 4000  # px beside the zenith
+    columns, rows = np.arange(ends - 60, ends + 60) / 130, np.arange(-400, 50) / 130
+    x, y = (np.ascontiguousarray(each, dtype=np.float32) for each in np.meshgrid(columns, rows))
+    seen = outdoor._plain_clouds(field, np.float32(-1.4), (x, y, np.ones_like(x)))
+    steps = np.abs(np.diff(seen.shade, axis=1)).max(axis=0)
+    assert steps[57:62].max() < 1.5 * np.delete(steps, np.s_[57:62]).max()
+
+
+def test_a_blurred_tile_has_no_seam() -> None:
+    tile = noise.fractal((96, 128), 30, stream(1, "sky"))
+    blurred = noise.blurred_tile(tile, 4.0)
+    moved = noise.blurred_tile(np.roll(tile, (50, 70), (0, 1)), 4.0)
+    assert np.array_equal(np.roll(moved, (-50, -70), (0, 1)), blurred)
+    inner = (slice(18, -18), slice(18, -18))
+    assert np.array_equal(blurred[inner], noise.blurred(tile, 4.0)[inner])
+
+
 def test_tops_of_clouds_are_lighter_than_bases() -> None:
     field = noise.fractal((TILE_PX, TILE_PX), 300, stream(1, "sky"), octaves=8, gain=0.58)
     h, w = SKY_PX
