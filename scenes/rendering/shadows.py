@@ -9,7 +9,22 @@ from uavbench.scenes.renderables import Light, Part
 from uavbench.scenes.rendering.gpu import Mesh, Program
 from uavbench.trajectories.pose import Array
 
-SHADOW_SIZE = 2048
+COARSEST_M = 0.01
+"""Texel of the small shadow map above which the large one is taken, metres: where trees are around a bridge, a texel of
+the small one is as wide as its rails, whose shadow is dashed.
+"""
+
+
+class Grid(NamedTuple):
+    """Texels along a side of a shadow map, and the bits of their depths."""
+
+    side: int
+    bits: int
+
+
+SMALL, LARGE = Grid(2048, 24), Grid(3072, 16)
+"""The large one takes little more memory, and hence no more time to look up; its depths are in steps of 2 mm for 100 m,
+where surfaces are kept from their own shadows by three texels."""
 
 
 class HalfPart(NamedTuple):
@@ -46,14 +61,15 @@ class ShadowMap:
         casting = [mesh for mesh in meshes if mesh.part.casts_shadow]
         points = np.concatenate([mesh.part.vertices for mesh in casting]) if casting else np.zeros((1, 3))
         self.matrix, half = _lamp_view(points, np.array(light.to_lamp))
-        self.texel_m = float(2 * max(half[:2]) / SHADOW_SIZE)
-        self.spread = float(np.clip(light.softness_m * SHADOW_SIZE / (2 * max(half[:2])), 0.7, 1.2)) / SHADOW_SIZE
+        wide = float(2 * max(half[:2]))
+        side, bits = LARGE if wide / SMALL.side > COARSEST_M else SMALL
+        self.texel_m = wide / side
+        self.spread = float(np.clip(light.softness_m * side / wide, 0.7, 1.2)) / side
         self.texture = GL.glGenTextures(1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self.texture)
-        size = (SHADOW_SIZE, SHADOW_SIZE)
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, *size, 0, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, None
-        )
+        size = (side, side)
+        kept = GL.GL_DEPTH_COMPONENT24 if bits == 24 else GL.GL_DEPTH_COMPONENT16
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, kept, *size, 0, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, None)
         for key, value in (
             (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
             (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),

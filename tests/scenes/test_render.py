@@ -199,6 +199,25 @@ def test_a_sheet_throws_no_shadow_on_the_side_that_the_lamp_sees(camera: Camera)
     assert seen == pytest.approx([0.8 * (0.1 + 0.6 * slope)] * 2, abs=0.05)
 
 
+def test_the_shadow_of_a_rail_is_no_row_of_teeth() -> None:
+    """Of a rail 5 cm wide in a scene of 80 m: along its middle the shadow is about equally deep, and nowhere broken."""
+    at = np.array([[-50.0, -50.0, 0.0], [50.0, -50.0, 0.0], [50.0, 50.0, 0.0], [-50.0, 50.0, 0.0]])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    ground = Part(vertices=at, triangles=np.array([[0, 1, 2], [0, 2, 3]]), normals=up, casts_shadow=False)
+    far = [white_box((x, y, 0.0), (x + 1.0, y + 1.0, 1.0)) for x, y in ((-40.0, -40.0), (39.0, 39.0))]
+    rail = white_box((-6.0, -0.025, 1.0), (6.0, 0.025, 1.05))
+    sun = np.array([0.39, -0.67, 0.63])  # across the rail, which so lies askew in the shadow map
+    lamp = Light(to_lamp=tuple(sun), lamp=(0.6,) * 3, above=(0.2,) * 3, below=(0.2,) * 3, softness_m=0.08)
+    middle = -1.025 * sun[1] / sun[2]
+    camera = Camera(640, 120, 600.0, 600.0, 319.5, 59.5)
+    with Renderer((ground, *far, rail), lamp, camera.width, camera.height) as renderer:
+        seen = renderer.color(looking((0.0, middle - 0.01, 6.0), (0.0, middle, 0.0)), camera)[..., 1].astype(float)
+    across = seen[40:80].min(axis=0)
+    lit = float(np.median(seen[:20]))
+    depth = (lit - across) / lit
+    assert depth.min() > 0.85 * depth.max() > 0.3
+
+
 def test_the_shadow_of_a_tower_reaches_ground_that_lies_deeper_than_all_of_it() -> None:
     """A tower 2 m high under a lamp at 45 degrees: its shadow is 2 m long, and ground beside or behind that is lit."""
     lamp = replace(SUN, to_lamp=(1.0, 0.0, 1.0))
