@@ -28,7 +28,7 @@ FORMAT = 8
 the nearest facet; hills, ground and plants of a site.
 7: a point is hidden where a surface is before its own place; skies that are overcast, or have a low sun.
 8: the plants of a site, and the ripples of its river; distant hills; clouds at the ends of their tile;
-shadows of scenes of more than 20 m.
+shadows of scenes of more than 20 m; with distortion, depth, masks, flow and normals of thin faces and at the sky.
 """
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")

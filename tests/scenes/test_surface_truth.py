@@ -30,10 +30,11 @@ from uavbench.scenes.png.filters import UP
 from uavbench.scenes.renderables import Mover
 from uavbench.scenes.rendering import context
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
-from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, pixel_grid, render_camera
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
+from uavbench.scenes.surfaces import SceneSurfaces
 from uavbench.scenes.world.indoor import Indoor
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
@@ -372,6 +373,27 @@ def test_the_rows_of_normals_are_the_formula_on_random_facets() -> None:
     assert np.array_equal(unfiltered.view(">u2").reshape(*SIZE, 3), expected)
 
 
+@pytest.mark.parametrize(("model", "distortion"), [("radtan", (-0.28, 0.07, 0.0, 0.0)), ("equidistant", (0.0,) * 4)])
+def test_depth_is_that_of_a_face_thinner_than_a_pixel(model: str, distortion: tuple[float, ...]) -> None:
+    """The top of a shelf, 2 m deep and a third of a pixel high in the image, before a wall."""
+    parts = (white_box((-4.0, 0.0, 0.0), (4.0, 2.0, 1.0)), white_box((-4.0, 2.0, 0.0), (4.0, 2.2, 4.0)))
+    camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5, model, distortion)
+    pinhole, lens = render_camera(camera)
+    pose = looking((0.0, -6.0, 1.02), (0.0, 0.0, 2.0))  # with the edge where the lens bends it
+    with Renderer(parts, FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
+        truth = SurfaceTruth(renderer, ideal_camera(renderer, camera, pinhole, lens, lambda _: pose))
+        depth = truth.geometry(truth.view(0)).depth_m.reshape(-1)
+    rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+    away = np.linalg.norm(rays, axis=1)
+    eye, ways = pose.inverse().translation, rays / away[:, None] @ pose.rotation
+    struck = SceneSurfaces(parts, ()).strike(np.tile(eye, (len(ways), 1)), ways, np.zeros(len(ways), dtype=np.int64))
+    expected = np.where(np.isfinite(struck.distances_m), struck.distances_m * rays[:, 2] / away, 0.0)
+    on_top = np.abs(eye[2] + struck.distances_m * ways[:, 2] - 1.0) < 1e-6
+    assert on_top.sum() > 50
+    wrong = np.abs(depth - expected) > 1e-3
+    assert not wrong.any(), "nor does the wall end beside its end"
+
+
 @pytest.mark.parametrize("with_lens", [False, True])
 def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens: bool) -> None:
     """Without a lens its own first; of random facets, and with some pixels that show another, as if drawn elsewhere."""
@@ -417,8 +439,9 @@ def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens:
             assert near[v, u] == pytest.approx(nearness[best], rel=1e-9)
             checked += best != centre
         else:
-            assert rows[v, u] == centre
-            assert (near[v, u] == -7.0) == (centre < 0)
+            nothing = centre < 0 or (with_lens and min(around) < 0)
+            assert rows[v, u] == (-1 if nothing else centre)
+            assert (near[v, u] == -7.0) == nothing
     assert checked > 20
     assert (rows >= 0).sum() > 1000 < (rows < 0).sum()
 

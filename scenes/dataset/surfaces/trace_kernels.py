@@ -43,8 +43,9 @@ def trace(seen: Any, places: Any, facets: Any, tried: Any, background: float, ro
     seen (h', w'): rendered facets, -1 for none. places (h, w, 2): where the rays of the camera's pixels meet the
     rendered image, px. tried: steps (m, 2) that are added to the rendered pixel left of and above a place, and the
     number of the first ones that are tried for every pixel; the others are left out where those show one facet, and the
-    ray meets it. A ray that misses all facets has the plane of the one rendered next to it; where that plane is too
-    slanted, its depth in the centre.
+    ray meets it. Where they show several, those beyond their sides are tried, too. A ray that misses all facets meets
+    nothing where one of the first ones shows nothing; otherwise it has the plane of the facet rendered next to it, and
+    where that plane is too slanted, its depth in the centre.
     Without a facet rows are -1, and the inverse depth that of the background.
     """
     h, w = rows.shape
@@ -77,7 +78,7 @@ def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any
     u, v = place
     h, w = seen.shape
     centre = seen[next_to[1], next_to[0]]
-    row, last, nearest, alike = np.int32(-1), np.int32(-1), 0.0, True
+    row, last, nearest, alike, beside_nothing = np.int32(-1), np.int32(-1), 0.0, True, False
     for number in range(steps.shape[0]):
         if number == sure and alike and (centre < 0 or nearest > 0.0):
             break
@@ -86,17 +87,54 @@ def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any
         facet = seen[i, j]
         is_new, last = facet != last, facet
         alike = alike and (number == 0 or not is_new)
+        beside_nothing = beside_nothing or (facet < 0 and number < sure and sure > 1)
         if facet < 0 or not is_new:
             continue
-        if _is_on(facets, facet, u, v) and nearness(facets.outlines, facet, u, v) > nearest:
-            row, nearest = facet, nearness(facets.outlines, facet, u, v)
-    if row < 0 and centre >= 0:
+        row, nearest = _nearer(facets, facet, place, (row, nearest))
+    if not alike and sure > 1:
+        last = np.int32(-1)
+        for number in range(sure):
+            i = min(max(base[1] + steps[number, 1], 0), h - 1)
+            j = min(max(base[0] + steps[number, 0], 0), w - 1)
+            facet = seen[i, j]
+            if facet >= 0 and facet != last:
+                row, nearest = _beyond(facets, facet, place, (row, nearest))
+            last = facet
+    if row < 0 and centre >= 0 and not beside_nothing:
         row = centre
         ready(facets, row)
         nearest = max(nearness(facets.outlines, row, u, v), 0.0)
         there = max(nearness(facets.outlines, row, float(next_to[0]), float(next_to[1])), 0.0)
         if not abs(there - nearest) <= FARTHEST_BESIDE * nearest:
             nearest = there
+    return row, nearest
+
+
+@inlined
+def _beyond(facets: Any, facet: int, place: Any, found: Any) -> tuple[Any, float]:
+    """What was found of a place, or a facet beyond one or two sides of another one that its ray meets nearer.
+
+    A face that is thinner than a pixel may be rendered nowhere; it is two triangles beside faces that are.
+    """
+    row, nearest = found
+    for way in range(12):
+        there = facets.opposite[facet, way // 4]
+        if there >= 0 and way % 4 > 0:
+            there = facets.opposite[there, way % 4 - 1]
+        if there >= 0 and there != facet:
+            row, nearest = _nearer(facets, there, place, (row, nearest))
+    return row, nearest
+
+
+@inlined
+def _nearer(facets: Any, facet: Any, place: Any, found: Any) -> tuple[Any, float]:
+    """A facet and its inverse depth where the ray of a place meets it nearer than what was found, or that."""
+    row, nearest = found
+    u, v = place
+    if _is_on(facets, facet, u, v):
+        near = nearness(facets.outlines, facet, u, v)
+        if near > nearest:
+            row, nearest = np.int32(facet), near
     return row, nearest
 
 
