@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera_path import Motion, camera_path, mounted_path
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
@@ -27,10 +28,10 @@ from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.frames import Filming, write_frames
 from uavbench.scenes.png.encoder import ENCODING
-from uavbench.scenes.renderables import BuiltSite, Room
+from uavbench.scenes.renderables import BuiltSite, Confines, Room
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera, render_camera
-from uavbench.scenes.scene import Scene, build_scene, obstacles_of
+from uavbench.scenes.scene import Scene, build_scene, confines_of, obstacles_of
 from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_clock import Exposures
@@ -69,34 +70,26 @@ def generate(
     prepare(__name__)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
-    main, *others = cameras = cameras_of(spec)
-    for camera in cameras:
-        check_site(spec, camera, scene.site, flight)
-        check_room(spec, camera, scene.room, flight)
-    exposures = [exposures_of(spec, camera, flight) for camera in cameras]
-    lenses = [lens_of(spec, camera) for camera in cameras]
-    for camera in others:
-        check_further_camera(spec, camera, scene.obstacles, flight)
-    mounts = [camera.mount.along(flight, scene.built.structure.bounds.mean(axis=0)) for camera in cameras]
-    missed = missed_targets(spec, mounts, exposures)
-    done = counted(on_frame, sum(len(each.times_ns) for each in exposures))
+    cameras = cameras_of(spec)
+    shots = shots_of(spec, scene.obstacles, flight, Confines(scene.site, scene.room))
+    done = counted(on_frame, sum(len(each.times_ns) for each in shots.exposures))
     with disk_errors(folder), new_folder(folder, RENDERED) as new:
         _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
         gimbals = {
             gimbal_file(camera.name): write_readings(new, camera, mount, flight, spec.seed)
-            for camera, mount in zip(cameras, mounts, strict=True)
+            for camera, mount in zip(cameras, shots.mounts, strict=True)
             if isinstance(mount, GimbalMotion)
         }
         delays = {
             camera.name: film(folder_of(new, camera), spec, camera, Footage(scene, flight, each, mount, lens), done)
-            for camera, each, mount, lens in zip(cameras, exposures, mounts, lenses, strict=True)
+            for camera, each, mount, lens in zip(cameras, shots.exposures, shots.mounts, shots.lenses, strict=True)
         }
         save_structure(scene.built.structure, new)
         summary = flown_summary(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed, flight)
         sensors = _by_file(spec, readings) | gimbals
         more = {"flight": summary.to_json(), "sensors": sensors, **_camera_records(spec, delays)}
-        more |= {"unreached": missed} if missed else {}
-        _write_info(new, spec, scene, delays[main.name], more | {"content_hash": content_hash})
+        more |= {"unreached": shots.missed} if shots.missed else {}
+        _write_info(new, spec, scene, delays[MAIN], more | {"content_hash": content_hash})
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
 
@@ -104,35 +97,75 @@ def generate(
 def rehearse(spec: SequenceSpec) -> list[str]:
     """Fly a sequence whose scene is not built, and return what its gimbals do not reach.
 
-    UserError as `generate`, for everything but the scene around the structure and the images.
+    UserError as `generate`, for everything but the images.
     """
-    cameras = cameras_of(spec)
-    for camera in cameras:
-        lens_of(spec, camera)
-    obstacles = obstacles_of(spec)
+    confines, obstacles = confines_of(spec), obstacles_of(spec)
     flight = fly(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
+    shots = shots_of(spec, obstacles, flight, confines)
+    check_places(spec.sensors, flight, obstacles)
+    return shots.missed
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """What the cameras of a spec take along a flight, each in the order of `cameras_of`; missed: see `missed_targets`.
+
+    mounts: `cam_from_body` at a time (ns).
+    """
+
+    exposures: list[Exposures]
+    lenses: list[RenderCamera]
+    mounts: list[Callable[[int], Pose]]
+    missed: list[str]
+
+
+def shots_of(spec: SequenceSpec, obstacles: ObstacleMesh, flight: Flight, confines: Confines) -> Shots:
+    """The shots along a flight; UserError for a camera that cannot be where it flies, or cannot take its frames."""
+    cameras = cameras_of(spec)
+    check_confines(spec, flight, confines)
     exposures = [exposures_of(spec, camera, flight) for camera in cameras]
+    lenses = [lens_of(spec, camera) for camera in cameras]
     for camera in cameras[1:]:
         check_further_camera(spec, camera, obstacles, flight)
-    check_places(spec.sensors, flight, obstacles)
-    middle = np.mean(obstacles.bounds, axis=0)
-    return missed_targets(spec, [camera.mount.along(flight, middle) for camera in cameras], exposures)
+    mounts = [camera.mount.along(flight, aim_of(obstacles)) for camera in cameras]
+    return Shots(exposures, lenses, mounts, missed_targets(spec, mounts, [each.times_ns for each in exposures]))
+
+
+def check_confines(spec: SequenceSpec, flight: Flight, confines: Confines) -> None:
+    """UserError when a flight leaves the site or the room of its scene."""
+    for camera in cameras_of(spec):
+        check_site(spec, camera, confines.site, flight)
+        check_room(spec, camera, confines.room, flight)
+
+
+def aim_of(obstacles: ObstacleMesh) -> Array:
+    """What gimbals look at (3,) unless they are told: the middle of the structure's bounds, m."""
+    corners = [obstacles.vertices.min(axis=0), obstacles.vertices.max(axis=0)]
+    return np.asarray(np.mean(corners, axis=0))
 
 
 def missed_targets(
-    spec: SequenceSpec, mounts: Sequenced[Callable[[int], Pose]], exposures: Sequenced[Exposures]
+    spec: SequenceSpec, mounts: Sequenced[Callable[[int], Pose]], times_ns: Sequenced[NDArray[np.int64]]
 ) -> list[str]:
-    """What keeps each gimbal from its target, of the cameras in their order; UserError when one never sees it."""
+    """What keeps each gimbal from its target at the times of its frames, in the order of the cameras.
+
+    UserError when one never sees it.
+    """
     found = []
-    for camera, mount, exposed in zip(cameras_of(spec), mounts, exposures, strict=True):
+    for camera, mount, stamps_ns in zip(cameras_of(spec), mounts, times_ns, strict=True):
         if not (isinstance(camera.mount, Gimbal) and isinstance(mount, GimbalMotion)):
             continue
         try:
-            what = camera.mount.unreached(mount, exposed.times_ns)
+            what = camera.mount.unreached(mount, stamps_ns)
         except UserError as error:
             raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
-        found += [f"gimbal of {camera.name}: {what}"] if what else []
+        found += [missed_target(camera.name, what)] if what else []
     return found
+
+
+def missed_target(camera: str, what: str) -> str:
+    """Line of `unreached` in a record: what keeps the gimbal of a camera from its target."""
+    return f"gimbal of {camera}: {what}"
 
 
 def cameras_of(spec: SequenceSpec) -> list[BodyCamera]:

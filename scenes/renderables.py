@@ -185,6 +185,14 @@ class Room:
         return to_walls
 
 
+@dataclass(frozen=True)
+class Confines:
+    """What limits where a flight may go in an environment: the site and the room around a structure, if any."""
+
+    site: BuiltSite | None = None
+    room: Room | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class BuiltEnvironment:
     """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.

@@ -1,19 +1,22 @@
 """A scene built from a spec: structure, environment and clutter, lit and ready to render."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from uavbench.scenes.clutter.registry import ON_GROUND
+from uavbench.scenes.clutter.registry import CLUTTER, ON_GROUND
 from uavbench.scenes.materials.grain import grained
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
 from uavbench.scenes.renderables import (
     BuiltClutter,
+    BuiltEnvironment,
     BuiltSite,
     BuiltStructure,
+    Confines,
     Light,
     Mover,
     Part,
@@ -26,11 +29,13 @@ from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structures.registry import STRUCTURES
 from uavbench.scenes.surfaces import SceneSurfaces
+from uavbench.scenes.world.registry import ENVIRONMENTS
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 
+Placed = TypeVar("Placed")
 SHADE_M = 20.0
 """Radius around a structure, metres, within which the ground occludes ambient light."""
 
@@ -63,8 +68,33 @@ class Scene:
 
 def obstacles_of(spec: SequenceSpec) -> ObstacleMesh:
     """Obstacle mesh of a flight: the structure as designed."""
-    structure = _built(spec).structure
+    structure = _unpainted(spec).structure
     return ObstacleMesh(structure.vertices, structure.triangles)
+
+
+def confines_of(spec: SequenceSpec) -> Confines:
+    """The site and the room of a scene that is not built; UserError as `build_scene`, for clutter without room too."""
+    built = _unpainted(spec)
+    bounds = built.structure.bounds
+    parts, _ = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
+    built = replace(built, parts=parts)
+    confines = _confines(spec, built)
+    for number, clutter in enumerate(spec.clutter):
+        if type(clutter) not in CLUTTER.values():
+            _placed(spec, number, bounds, confines.site)
+        elif hasattr(clutter, "check_room"):
+            _on_free_ground(spec, number, confines.site, partial(clutter.check_room, bounds))
+    return confines
+
+
+def _confines(spec: SequenceSpec, built: BuiltStructure) -> Confines:
+    environment: Any = spec.environment
+    rng, streams = stream(spec.seed, "environment"), partial(stream, spec.seed, "site")
+    if type(environment) in ENVIRONMENTS.values():
+        found: Confines = environment.confines(built, rng, streams)
+        return found
+    own: BuiltEnvironment = environment.build(built.structure.bounds, rng)
+    return Confines(None if own.site is None else own.site(built, streams), own.room)
 
 
 def build_scene(spec: SequenceSpec) -> Scene:
@@ -114,6 +144,15 @@ def build_scene(spec: SequenceSpec) -> Scene:
     )
 
 
+def _unpainted(spec: SequenceSpec) -> BuiltStructure:
+    """The structure of a spec as designed, for its geometry only; a user's code is called as for `_built`."""
+    if type(spec.structure) in STRUCTURES.values():
+        structure: Any = spec.structure
+        built: BuiltStructure = structure.unpainted()
+        return built
+    return _built(spec)
+
+
 def _built(spec: SequenceSpec) -> BuiltStructure:
     """The structure of a spec as designed; one that depends on a file or on a user's code is built on every call."""
     structure = spec.structure
@@ -132,11 +171,16 @@ def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
 
 def _placed(spec: SequenceSpec, number: int, bounds: Array, site: BuiltSite | None) -> BuiltClutter:
     """Clutter of a number around the structure, on free ground of the site if there is one; UserError naming it."""
-    clutter, rng = spec.clutter[number], stream(spec.seed, "clutter", number)
+    return _on_free_ground(spec, number, site, partial(spec.clutter[number].build, bounds))
+
+
+def _on_free_ground(spec: SequenceSpec, number: int, site: BuiltSite | None, build: Callable[..., Placed]) -> Placed:
+    """What `build` makes of the generator of clutter of a number, and of free ground; UserError naming the clutter."""
+    rng = stream(spec.seed, "clutter", number)
     try:
-        if site is not None and isinstance(clutter, ON_GROUND):
-            return clutter.build(bounds, rng, site.is_free)
-        return clutter.build(bounds, rng)
+        return (
+            build(rng, site.is_free) if site is not None and isinstance(spec.clutter[number], ON_GROUND) else build(rng)
+        )
     except UserError as error:
         raise UserError(f"sequence {spec.name}: clutter[{number}]: {error}") from None
 

@@ -15,13 +15,15 @@ from uavbench.bench.closed_loop.tracking import TimedFault
 from uavbench.reports.closed_loop.flown import Flown, FlownPath, plan_stamps, planned_bodies
 from uavbench.reports.closed_loop.flown_mounts import MOUNT_COLUMNS, FlownMounts
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.generate import missed_target
+from uavbench.scenes.spec import MAIN, SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import parameters, record_of
 from uavbench.trajectories.camera_mount import MountSpec
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion, rotation_log
@@ -54,6 +56,7 @@ class Notes:
         self._cam_from_evaluated = Pose.identity() if on_gimbal else spec.mount.at_rest.cam_from_body
         self.ending: Ending | None = None
         self.faults: list[TimedFault] = []
+        self.unreached: list[str] = []
         self._rows: list[Array] = []
         self._claimed: dict[int, Array] = {}
         self._stamps: list[int] = []
@@ -78,20 +81,25 @@ class Notes:
         self._frames.append((frame, stamp_ns, result, answered_ns))
         self._true_poses.append(true_pose.inverse() @ self._cam_from_evaluated)
 
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Stamps (n,) of the frames so far."""
+        return np.array([stamp for _, stamp, _, _ in self._frames], dtype=np.int64)
+
     def flown(
         self, simulation: Simulation, radius_m: float, structure: Structure, camera: Camera, verdicts: ListOf[Verdict]
     ) -> Flown:
         """The flight as it is written to disk."""
-        stamps = [stamp for _, stamp, _, _ in self._frames]
+        stamps = self.stamps_ns
         results = Results(
             self._record(simulation, radius_m),
             np.array([frame for frame, _, _, _ in self._frames], dtype=np.int64),
-            np.array(stamps, dtype=np.int64),
+            stamps,
             tuple(result for _, _, result, _ in self._frames),
         )
         return Flown(
             results=results,
-            groundtruth=Trajectory.from_poses(stamps, self._true_poses),
+            groundtruth=Trajectory.from_poses(stamps.tolist(), self._true_poses),
             path=self._path(),
             plan=self._open_loop.plan,
             answered_ns=np.array([answered for _, _, _, answered in self._frames], dtype=np.int64),
@@ -134,7 +142,18 @@ class Notes:
             "open_loop_rms_m": float(np.sqrt(np.mean(self._open_loop.error_m**2))),
             "open_loop_max_m": float(self._open_loop.error_m.max()),
         }
-        return {**record, "flight": flight}
+        return {**record, "flight": flight} | ({"unreached": self.unreached} if self.unreached else {})
+
+
+def unreached_in_flight(mount: MountSpec, motion: Callable[[int], Pose], stamps_ns: NDArray[np.int64]) -> list[str]:
+    """What kept the gimbal of a flight from its target at its frames; that it saw none is no error any more."""
+    if not (isinstance(mount, Gimbal) and isinstance(motion, GimbalMotion) and len(stamps_ns)):
+        return []
+    try:
+        what = mount.unreached(motion, stamps_ns)
+    except UserError as error:
+        what = str(error)
+    return [missed_target(MAIN, what)] if what else []
 
 
 def mounts_of(mount: MountSpec, motion: Callable[[int], Pose], flown: Flown) -> FlownMounts | None:

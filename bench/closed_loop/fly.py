@@ -8,7 +8,7 @@ from uavbench.bench.closed_loop.checks import check_loop, loop_imu
 from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, Start, TrueState
 from uavbench.bench.closed_loop.eye import CameraInFlight, WayFlown, exposed_after_ns, eye, mount_along
-from uavbench.bench.closed_loop.flight_notes import Notes, mounts_of
+from uavbench.bench.closed_loop.flight_notes import Notes, mounts_of, unreached_in_flight
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.sensing import Reading, Sensors
 from uavbench.bench.closed_loop.spec import Pilot
@@ -16,6 +16,7 @@ from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.bench.closed_loop.tracking import TrackerInFlight
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.scenes.dataset.body import Samples
+from uavbench.scenes.renderables import Confines
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
@@ -38,12 +39,15 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
 
     The vehicle is flown on its true state until its first frame is exposed, then on the estimate alone. on_step(steps
     done, all steps) reports progress. UserError before the start for a loop without sufficient sensors, for a flight
-    that fails even on its true state, and for a tracker that cannot be started.
+    that fails even on its true state, leaves the scene, or never sees the target of its gimbal, and for a tracker that
+    cannot be started.
     """
     prepare(__name__)
     check_loop(pilot.loop, spec)
     scene = build_scene(spec)
-    notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
+    confines = Confines(scene.site, scene.room)
+    open_loop = OpenLoop.of(spec, pilot.rate_hz, scene.obstacles, confines)
+    notes = Notes(spec, pilot, open_loop)
     simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
     way = WayFlown(simulation)
@@ -55,6 +59,7 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
             if on_step is not None and simulation.step % (10 * BLOCK) == 0:
                 on_step(simulation.step, simulation.steps)
     verdicts = loop.estimator.verdicts if loop.estimator is not None else []
+    notes.unreached = unreached_in_flight(spec.mount, mount, notes.stamps_ns)
     flown = notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.camera, verdicts)
     return replace(flown, readings=loop.sensors.tables(), mounts=mounts_of(spec.mount, mount, flown))
 

@@ -14,7 +14,13 @@ from uavbench.bench.external.program import isolated_trackers
 from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
-from uavbench.bench.runner.extent import extents, problems_of_extents, shortfalls, table_of_extents
+from uavbench.bench.runner.extent import (
+    extents,
+    problems_of_extents,
+    shortfalls,
+    table_of_extents,
+    unreached_in_flights,
+)
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights
 from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved, suite_folder
@@ -181,6 +187,8 @@ def tell(outcome: Outcome, folder: Path, suite: str) -> None:
     cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes"
     say(f"{count}; {cost}", err=True)
     for line in shortfalls(job.marker for job in outcome.done if job.verb == "render"):
+        say(line, err=True)
+    for line in unreached_in_flights(job.marker for job in outcome.done if job.verb == "fly"):
         say(line, err=True)
     causes = {name: why for name, why in outcome.failed.items() if not why.startswith(NOT_DONE)}
     for name, why in causes.items():

@@ -11,7 +11,7 @@ from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.graph import Work
 from uavbench.bench.runner.tasks import Fly, Render, Video
 from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
-from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.scene import confines_of, obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.gimbal import Gimbal
@@ -69,9 +69,10 @@ def extents(works: Iterable[Work]) -> list[Extent]:
     flown_s = 0.0
     known: dict[str, Extent] = {}
     for k, (each, (first, *_)) in enumerate(zip(found, by_name.values(), strict=True)):
-        flown_s += each.summary.duration_s if each.summary and first.spec.name not in known else 0.0
+        flown_s += each.summary.duration_s if each.summary and _flown_once(first) not in known else 0.0
         if not each.problem and flown_s <= MOST_FLOWN_S:
-            flown = known[first.spec.name] = known.get(first.spec.name) or _rehearsed(each, first)
+            key = _flown_once(first)
+            flown = known[key] = known.get(key) or _rehearsed(each, first)
             found[k] = replace(each, problem=flown.problem, unreached=flown.unreached)
     return found
 
@@ -116,6 +117,22 @@ def shortfalls(markers: Iterable[Path]) -> list[str]:
         lines += [f"{info['name']}: {what}" for what in info.get("unreached", ())]
         lines += [f"doubt: {info['name']}: {doubt}" for doubt in info.get("doubts", ())]
     return lines
+
+
+def unreached_in_flights(markers: Iterable[Path]) -> list[str]:
+    """What gimbals did not reach in flights in closed loop, from their record.json."""
+    records = [json.loads(marker.read_text(encoding="utf-8")) for marker in markers]
+    return [
+        f"{each['sequence']['name']} {each['run']}: {what}" for each in records for what in each.get("unreached", ())
+    ]
+
+
+def _flown_once(work: Render | Fly) -> str:
+    """Key of the works that one rehearsal suffices for: the frames of a gimbal on its target depend on their rate."""
+    spec = work.spec
+    assert isinstance(spec, SequenceSpec)
+    rate = f" {work.pilot.rate_hz}" if isinstance(work, Fly) and isinstance(spec.mount, Gimbal) else ""
+    return f"{spec.name}{rate}"
 
 
 def _name(work: Render | Fly) -> str:
@@ -177,10 +194,11 @@ def _rehearsed(found: Extent, work: Render | Fly) -> Extent:
             from uavbench.scenes.generate import rehearse
 
             return replace(found, unreached=tuple(rehearse(spec)))
-        OpenLoop.of(spec, obstacles_of(spec))
+        confines, obstacles = confines_of(spec), obstacles_of(spec)
+        open_loop = OpenLoop.of(spec, work.pilot.rate_hz, obstacles, confines)
+        return replace(found, unreached=open_loop.unreached)
     except UserError as error:
         return replace(found, problem=str(error).removeprefix(f"sequence {spec.name}: "))
-    return found
 
 
 def _frames(filmed_s: float, rate_hz: float) -> int:

@@ -26,6 +26,7 @@ from uavbench.bench.config.suite_files import suite_file
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import open_sequence
 from uavbench.scenes.generate import generate
+from uavbench.scenes.renderables import Confines
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import Radiance, encode
 from uavbench.scenes.scene import build_scene
@@ -163,7 +164,7 @@ def flown(spec: SequenceSpec, pilot: Pilot) -> float:
     watch = Watch()
     scene = build_scene(spec)
     started = process_time()
-    notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
+    notes = Notes(spec, pilot, OpenLoop.of(spec, pilot.rate_hz, scene.obstacles, Confines(scene.site, scene.room)))
     simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
     simulated = process_time() - started

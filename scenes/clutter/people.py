@@ -54,8 +54,7 @@ class People:
 
         They stand on free ground, nearest_m to furthest_m outside the bounds.
         """
-        reach_m = self.nearest_m, self.furthest_m
-        places = ring_places(bounds, round(10 * self.density), reach_m, rng, free)
+        places = self._places(bounds, rng, free)
         wear = materials.cloth(rng, (225.0, 225.0, 225.0))
         standing: list[Part] = []
         movers = []
@@ -74,6 +73,14 @@ class People:
             else:
                 standing.append(moved(figure, rotation_exp(np.array([0, 0, bearing])), place))
         return BuiltClutter((merge(standing),) if standing else (), tuple(movers))
+
+    def check_room(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> None:
+        """UserError as of `build` when there is no room for all figures, without shaping them."""
+        self._places(bounds, rng, free)
+
+    def _places(self, bounds: Array, rng: np.random.Generator, free: Free) -> Array:
+        reach_m = self.nearest_m, self.furthest_m
+        return ring_places(bounds, round(10 * self.density), reach_m, rng, free)
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ class Trees:
         if count == 0:
             return BuiltClutter()
         bark, leaves = materials.bark(rng), _leaves(rng)
-        places = ring_places(bounds, count, (self.nearest_m, self.furthest_m), rng, free)
+        places = self._places(bounds, count, rng, free)
         if self.habit != "round":
             stands = [Place(place, gap_m(bounds, place)) for place in places]
             return BuiltClutter(branching_trees(self.habit, self.height_m, stands, bark, rng))
@@ -61,6 +61,16 @@ class Trees:
             wood += [moved(part, turn, place) for part in trunk]
             crowns.append(moved(crown, turn, place))
         return BuiltClutter((merge(wood), merge(crowns)))
+
+    def check_room(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> None:
+        """UserError as of `build` when there is no room for all trees, without growing them."""
+        count = round(20 * self.density)
+        if count:
+            materials.bark(rng), _leaves(rng)
+            self._places(bounds, count, rng, free)
+
+    def _places(self, bounds: Array, count: int, rng: np.random.Generator, free: Free) -> Array:
+        return ring_places(bounds, count, (self.nearest_m, self.furthest_m), rng, free)
 
 
 def _tree(

@@ -29,6 +29,10 @@ class Material:
     soaks: bool = False
 
 
+UNPAINTED = Material(np.full((1, 1, 3), 128, dtype=np.uint8), (1.0, 1.0))
+"""A material that takes no time, for where only the geometry counts."""
+
+
 def concrete(rng: np.random.Generator, color: Color = (168.0, 164.0, 156.0), boards: bool = True) -> Material:
     """Fair-faced concrete, 4 m square: formwork joints and tie holes (if boards), pores, rain streaks, stains."""
     n = 1024

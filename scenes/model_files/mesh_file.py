@@ -1,6 +1,7 @@
 """A structure from a model file: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; validated before anything is rendered."""
 
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -66,6 +67,13 @@ class MeshFile:
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The structure; UserError naming the file, the defect, and the config key that resolves it."""
+        return self._of(lambda: materials.PAINTS[self.surface](rng))
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        return self._of(lambda: materials.UNPAINTED)
+
+    def _of(self, painted: Callable[[], Material]) -> BuiltStructure:
         path = Path(self.path)
         pieces = _in_agreement([self._placed(piece) for piece in read(path)])
         vertices, triangles = _whole(pieces)
@@ -84,7 +92,7 @@ class MeshFile:
                 f"{path}: no edge is left for trackers; lower crease_angle_deg ({self.crease_angle_deg}) or "
                 f"min_edge_m ({self.min_edge_m})"
             )
-        bare = materials.PAINTS[self.surface](rng)
+        bare = painted()
         drawn = [piece for piece in (piece.without_flat() for piece in pieces) if len(piece.triangles)]
         return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in drawn))
 

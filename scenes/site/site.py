@@ -77,8 +77,6 @@ class Site:
         UserError when embankments or markings are set for a structure without a road, or no road fits beneath it, or
         there is no room for the neighbours.
         """
-        if (self.embankments or self.markings) and built.road is None:
-            raise UserError("environment.site: embankments and markings need a structure that carries a road: a bridge")
         rng = streams()
         terrain = self._terrain(built, rng)
         bounds = built.structure.bounds
@@ -118,7 +116,15 @@ class Site:
             is_hidden=beside.hides,
         )
 
+    def layout(self, built: BuiltStructure, streams: Streams) -> BuiltSite:
+        """The ground and neighbours of `build`, with the same errors, without parts to draw."""
+        terrain = self._terrain(built, streams())
+        site = BuiltSite((), built.parts, terrain.height, terrain.is_free)
+        return site if self.neighbours == 0 else self._with_neighbours(site, terrain, built.road, streams("neighbours"))
+
     def _terrain(self, built: BuiltStructure, rng: np.random.Generator) -> Terrain:
+        if (self.embankments or self.markings) and built.road is None:
+            raise UserError("environment.site: embankments and markings need a structure that carries a road: a bridge")
         feet = _feet(built.parts)
         embankment = Embankment.of(built.road) if self.embankments and built.road is not None else None
         contact = CONTACT_M if self.contact_shadows else ()

@@ -1,5 +1,6 @@
 """A cardboard box: kraft paper, flaps, tape, handling symbols and a shipping label."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -9,6 +10,7 @@ from annotated_types import Gt, Interval
 from numpy.typing import NDArray
 
 from uavbench.scenes.materials import procedural_texture as noise
+from uavbench.scenes.materials.painted import UNPAINTED
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.primitives.meshes import box, panel
 from uavbench.scenes.renderables import BuiltStructure, Part, Texture
@@ -19,6 +21,8 @@ MARGIN_M = 0.012
 INK = (46.0, 40.0, 40.0)
 TAPE = (176.0, 138.0, 92.0)
 Drawing = NDArray[np.uint8]
+Painter = Callable[[tuple[float, float], np.random.Generator], Image]
+"""Draws a face of a size (height, width) in metres."""
 WORDS = ("FRAGILE", "THIS SIDE UP", "HANDLE WITH CARE", "KEEP DRY", "MADE IN EU", "DO NOT STACK")
 
 
@@ -32,6 +36,13 @@ class Box:
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The box centred above the origin, with its six printed faces."""
+        return self._covered(lambda painted, size_m: noise.finish(painted(size_m, rng)))
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        return self._covered(lambda painted, size_m: UNPAINTED.texture)
+
+    def _covered(self, texture_of: Callable[[Painter, tuple[float, float]], Texture]) -> BuiltStructure:
         x, y, z = self.length_m / 2, self.width_m / 2, self.height_m
         structure = Structure.from_mesh(*box((-x, -y, 0), (x, y, z)))
         faces = [
@@ -46,7 +57,7 @@ class Box:
         for origin, u, v, painted in faces:
             vertices, triangles, uv = panel(origin, u, v, 0.1)
             size = (float(np.linalg.norm(v)), float(np.linalg.norm(u)))
-            texture = noise.finish(painted(size, rng))
+            texture = texture_of(painted, size)
             normals = np.broadcast_to(np.cross(u, v) / (size[0] * size[1]), vertices.shape)
             parts.append(
                 Part(

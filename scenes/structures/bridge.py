@@ -35,8 +35,13 @@ class Bridge:
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The bridge in concrete, asphalt and painted steel, with its roadway."""
         steel, rail = materials.painted_steel(rng), materials.painted_steel(rng, (150.0, 156.0, 158.0), rust=0.5)
-        concrete = materials.concrete(rng)
-        road = materials.asphalt(rng)
+        return self._of(steel, rail, materials.concrete(rng), materials.asphalt(rng))
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        return self._of(*(materials.UNPAINTED,) * 4)
+
+    def _of(self, steel: Material, rail: Material, concrete: Material, road: Material) -> BuiltStructure:
         solids = [*self._deck(concrete, road), *self._girders(steel), *self._frames(steel)]
         solids += [*self._piers(concrete), *self._abutments(concrete)]
         if self.railing:

@@ -40,6 +40,16 @@ class Building:
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
         looks = facade.window_and_door_looks(rng)
+        return self._of(surface, stone, looks, rng)
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        plain = materials.UNPAINTED
+        return self._of(plain, plain, [plain, plain], np.random.default_rng(0))  # which draws the look of windows only
+
+    def _of(
+        self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator
+    ) -> BuiltStructure:
         solids, panels = self.raised(surface, stone, looks, rng)
         doors = facade.doors(self._front_openings(), self._sides()[0])
         return BuiltStructure(structure_of(solids), (*cover_all(solids), *panels), doors=doors)

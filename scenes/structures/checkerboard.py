@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from uavbench.scenes.materials import procedural_texture as noise
-from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.materials.painted import UNPAINTED, Material
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.primitives.solids import Solid, covered, picture
 from uavbench.scenes.renderables import BuiltStructure, Texture
@@ -32,11 +32,18 @@ class Checkerboard:
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The board, with the pattern as the texture of its front."""
+        return self._of(self._pattern(rng))
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        return self._of(UNPAINTED.texture)
+
+    def _of(self, texture: Texture) -> BuiltStructure:
         width, height = (self.columns + 3) * self.square_m, (self.rows + 3) * self.square_m
         low, high = (-width / 2, 0.0, self.lift_m), (width / 2, THICKNESS_M, self.lift_m + height)
         vertices, triangles = box(low, high)
         paper = Material(np.full((8, 8, 3), 200, dtype=np.uint8), (1.0, 1.0), 0.9)
-        pattern = Material(self._pattern(rng), (1.0, 1.0), 0.9)
+        pattern = Material(texture, (1.0, 1.0), 0.9)
         origin = np.array([-width / 2, -0.0005, self.lift_m])
         front = picture(origin, np.array([width, 0, 0]), np.array([0, 0, height]), pattern, inset=0.0)
         body = covered(Solid(vertices, triangles, paper, "board"))

@@ -7,6 +7,7 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from uavbench.scenes.materials import painted as materials
+from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import Solid, block, cover_all, prism, structure_of
 from uavbench.scenes.renderables import BuiltStructure
 from uavbench.trajectories.pose import Array
@@ -25,7 +26,13 @@ class Truss:
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The tower in painted steel, on concrete footings."""
         steel = materials.painted_steel(rng, (142.0, 62.0, 48.0))
-        concrete = materials.concrete(rng, boards=False)
+        return self._of(steel, materials.concrete(rng, boards=False))
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        return self._of(materials.UNPAINTED, materials.UNPAINTED)
+
+    def _of(self, steel: Material, concrete: Material) -> BuiltStructure:
         foot = 0.4
         levels = np.linspace(foot, foot + self.height_m, self.panels + 1)
         rings = [self._ring(float(z), foot) for z in levels]

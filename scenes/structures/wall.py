@@ -29,7 +29,16 @@ class Wall:
         """The facade, centred on the origin."""
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
-        looks = facade.window_and_door_looks(rng)
+        return self._of(surface, stone, facade.window_and_door_looks(rng), rng)
+
+    def unpainted(self) -> BuiltStructure:
+        """The structure in one plain material: its geometry without the time of painting."""
+        plain = materials.UNPAINTED
+        return self._of(plain, plain, [plain, plain], np.random.default_rng(0))  # which draws the look of windows only
+
+    def _of(
+        self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator
+    ) -> BuiltStructure:
         holes = facade.openings(self.width_m, self.height_m, self.bays, self.storeys, door_bay=self.bays // 2)
         solids = [self._slab(holes, surface), *facade.trim(holes, self._front, 0.0, stone), self._coping(stone)]
         solids.append(facade.downpipe(self._front, 0.3))

@@ -10,7 +10,7 @@ from annotated_types import Gt, Interval
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.primitives.meshes import panel
-from uavbench.scenes.renderables import BuiltEnvironment, Light, Part, Room
+from uavbench.scenes.renderables import BuiltEnvironment, BuiltStructure, Confines, Light, Part, Room, Streams
 from uavbench.scenes.world.furniture import Span, Wall, furniture, radiator
 from uavbench.trajectories.pose import Array, rotation_exp
 
@@ -40,11 +40,9 @@ class Indoor:
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
         """The room around a structure of bounds (2, 3) in metres, enlarged if the structure does not fit."""
-        centre = bounds.mean(axis=0)
-        extent = float((bounds[1] - bounds[0])[:2].max())
-        side, height = max(self.room_m, 4 * extent), max(self.height_m, 1.6 * float(bounds[1, 2]))
-        turn = rotation_exp(np.array([0.0, 0.0, rng.uniform(0.15, 1.3)]))
-        place = np.array([*(centre[:2] + rng.uniform(-0.1, 0.1, 2) * side), 0.0])
+        centre, extent = bounds.mean(axis=0), _extent_m(bounds)
+        room = self._room(bounds, rng)
+        side, height, turn, place = room.side_m, room.height_m, room.turn, room.place
         parts, walls = self._floor(side, centre - place, extent, turn, rng), _walls(side, height, rng)
         parts += walls.parts
         if self.furniture > 0:
@@ -62,7 +60,19 @@ class Indoor:
             shadow_map=False,
             softness_m=0.25 * extent,
         )
-        return BuiltEnvironment(moved, light, sharp=self.sharp_textures, room=Room(side, height, turn, place))
+        return BuiltEnvironment(moved, light, sharp=self.sharp_textures, room=room)
+
+    def confines(self, built: BuiltStructure, rng: np.random.Generator, streams: Streams) -> Confines:
+        """The room that `build` draws from the same generator."""
+        return Confines(room=self._room(built.structure.bounds, rng))
+
+    def _room(self, bounds: Array, rng: np.random.Generator) -> Room:
+        """The room, the first that is drawn."""
+        centre, extent = bounds.mean(axis=0), _extent_m(bounds)
+        side, height = max(self.room_m, 4 * extent), max(self.height_m, 1.6 * float(bounds[1, 2]))
+        turn = rotation_exp(np.array([0.0, 0.0, rng.uniform(0.15, 1.3)]))
+        place = np.array([*(centre[:2] + rng.uniform(-0.1, 0.1, 2) * side), 0.0])
+        return Room(side, height, turn, place)
 
     def _floor(
         self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator
@@ -93,6 +103,10 @@ class Indoor:
                 lightmap=False,
             ),
         ]
+
+
+def _extent_m(bounds: Array) -> float:
+    return float((bounds[1] - bounds[0])[:2].max())
 
 
 def _planks(rng: np.random.Generator) -> Image:

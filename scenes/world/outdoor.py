@@ -14,7 +14,16 @@ from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.materials.patches import Patches, patches
 from uavbench.scenes.materials.procedural_texture import Image, Octave
-from uavbench.scenes.renderables import BuiltEnvironment, BuiltSite, BuiltStructure, Light, Part, Streams, Texture
+from uavbench.scenes.renderables import (
+    BuiltEnvironment,
+    BuiltSite,
+    BuiltStructure,
+    Confines,
+    Light,
+    Part,
+    Streams,
+    Texture,
+)
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.world.cloud_deck import DENSEST_EDGE, Clouds, clouds
 from uavbench.scenes.world.tree_line import varied
@@ -93,6 +102,10 @@ class Outdoor:
         if self.site == Site():
             return built(_patched((level, *rim), look, drawn))
         return built(rim, site=partial(self._site, look, drawn))
+
+    def confines(self, built: BuiltStructure, rng: np.random.Generator, streams: Streams) -> Confines:
+        """The site's ground and neighbours, those of `build`."""
+        return Confines() if self.site == Site() else Confines(self.site.layout(built, streams))
 
     def _site(self, look: Material, drawn: Patches | None, structure: BuiltStructure, streams: Streams) -> BuiltSite:
         site = self.site.build(look, structure, streams)

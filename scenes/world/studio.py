@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt, Interval
 
-from uavbench.scenes.renderables import BuiltEnvironment, Light
+from uavbench.scenes.renderables import BuiltEnvironment, BuiltStructure, Confines, Light, Streams
 from uavbench.trajectories.pose import Array
 
 SKY_PX = (8, 16)
@@ -24,6 +24,10 @@ class Studio:
 
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
     backdrop: Annotated[float, Interval(ge=0, le=1)] = 0.02
+
+    def confines(self, built: BuiltStructure, rng: np.random.Generator, streams: Streams) -> Confines:
+        """None: there is neither ground nor wall."""
+        return Confines()
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
         """The light and the background; both are deterministic."""

@@ -18,10 +18,11 @@ from uavbench.reports.closed_loop.measures import cameras_flown, cameras_planned
 from uavbench.scenes.dataset.body import body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
-from uavbench.scenes.generate import generate
+from uavbench.scenes.generate import generate, rehearse
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene, obstacles_of
 from uavbench.scenes.spec import CameraSpec
+from uavbench.scenes.world.indoor import Indoor
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
@@ -281,3 +282,27 @@ class gimbal(Imu):
 def test_what_cannot_be_known_of_a_mount_is_refused_by_name(spec, told):
     with pytest.raises(UserError, match=told):
         check_loop(LoopSpec(sensors=("camera", "imu")), spec, 3.0)
+
+
+def test_a_target_beyond_the_stops_is_told_or_refused_as_in_an_open_flight():
+    """Missed in some frames it is recorded, in the same words as of a rendered sequence; in all it is an error."""
+    stops = {"pitch_axis": PitchAxis(least_deg=-21.0)}
+    sway = FigureEight(period_s=1.2, loops=1, width_m=0.1, depth_m=0.05, height_m=0.6, rise_m=0.3)
+    some = replace(
+        gimballed(mount={"mode": "target", "pitch_deg": 0.0, "target_m": (0.0, 0.0, 0.0), **stops}),
+        flight=replace(gimballed().flight, path=sway),
+    )
+    flight = flown(some, GroundTruth(), estimator="truth")
+    (told,) = flight.record["unreached"]
+    assert [told] == rehearse(replace(some, rate_hz=15.0))
+    assert told.startswith("gimbal of camera: the stops of pitch_axis, -21 to 60 degrees, keep it from its target in ")
+    assert "unreached" not in flown(gimballed(), GroundTruth(), estimator="truth").record
+    never = replace(some, mount=replace(some.mount, target_m=(0.0, 0.0, -9.0)))
+    with pytest.raises(UserError, match=r"camera camera: mount.target_m: the stops of pitch_axis, .*; widen the stops"):
+        flown(never, GroundTruth(), estimator="truth")
+
+
+def test_a_closed_loop_refuses_a_room_too_small_before_it_starts():
+    small = replace(gimballed(), environment=Indoor(room_m=1.5))
+    with pytest.raises(UserError, match=r"camera camera: t = .* a wall or the ceiling of the room"):
+        flown(small, GroundTruth(), estimator="truth")

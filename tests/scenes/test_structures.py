@@ -221,3 +221,14 @@ def test_places_are_evenly_outside_the_bounds() -> None:
     assert gap.min() >= 1.0
     assert gap.max() <= 5.0
     assert (places[:, 0] > 0).mean() == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("name", PARAMETRIC)
+def test_an_unpainted_structure_has_the_geometry_of_the_painted_one(name: str) -> None:
+    painted, unpainted = STRUCTURES[name]().build(rng()), STRUCTURES[name]().unpainted()
+    assert unpainted.structure.vertices.tobytes() == painted.structure.vertices.tobytes()
+    assert unpainted.structure.edges.tobytes() == painted.structure.edges.tobytes()
+    assert unpainted.road == painted.road
+    for bare, part in zip(unpainted.parts, painted.parts, strict=True):
+        assert bare.name == part.name
+        assert bare.vertices.tobytes() == part.vertices.tobytes()
