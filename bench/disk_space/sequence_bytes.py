@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uavbench.bench.disk_space.image_bytes import image_bytes
 from uavbench.scenes.dataset.contact_sheet import COLUMNS, ROWS, WIDTH_PX
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
-from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
+from uavbench.scenes.effects.link import AnalogLink, Drops
 from uavbench.scenes.spec import MAIN, BodyCamera, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.structures.bridge import Bridge
@@ -79,14 +80,13 @@ NOISY_SHEET = 0.18
 """Least bytes per pixel of a contact sheet of images with noise, before a plain backdrop."""
 PILOT_FLOW, FLOW_PER_OCTAVE, LEAST_FLOW = 0.15, 0.09, 0.01
 """More flow, per pixel, where a pilot turns the view; where frames are twice as far apart; and of a view at rest."""
-JPEG_IMAGE = 0.85
-"""Bytes of a frame that was compressed as JPEG before, over those without noise."""
 FINER = {"image": -0.08, "noisy": -0.04, "depth": -0.29, "flow": -0.05, "normals": -0.38, "mask": -0.45}
 """Exponents of bytes per pixel over the number of pixels, from 64x48 to 1280x960: borders become fewer."""
 SHEET_FINER = 0.07
 """The same of the contact sheet, whose images are enlarged or reduced to one width, measured from 64x48 to 640x480."""
-FRAME_ROWS_BYTES, LISTED_BYTES, ROW_POSE_BYTES = 380.0, 105.0, 56.0
-"""Bytes of a frame in tables, of each of its files in the manifest, and of the pose of an image row."""
+FRAME_ROWS_BYTES, LISTED_BYTES, ROW_POSE_BYTES, BOUND_BYTES = 380.0, 105.0, 56.0, 480.0
+"""Bytes of a frame in tables, of each of its files in the manifest, of the pose of an image row, and of a bound in
+crlb.csv."""
 MOUNT_BYTES, ENCODER_BYTES = 190.0, 140.0
 """Bytes of a frame in mounts.csv, and of a reading of a gimbal's encoders, of three axes."""
 RAY_BYTES = 16.0
@@ -129,9 +129,7 @@ def _of_a_frame(spec: SequenceSpec, on_body: BodyCamera) -> float:
     size = pixels / MEASURED_PX
     per_px: dict[str, float] = {name: getattr(scene, name) * size**power for name, power in FINER.items()}
     kinds = {type(effect) for effect in spec.effects}
-    image = per_px["noisy"] if _is_noisy(spec) else per_px["image"]
-    if Jpeg in kinds:
-        image = JPEG_IMAGE * per_px["image"]
+    image = image_bytes(per_px["image"], per_px["noisy"], spec.effects)
     annotations = sum(per_px.get(name, 0.0) for name in spec.annotations)
     files = 1 + len(spec.annotations) + ("flow" in spec.annotations)
     tables = FRAME_ROWS_BYTES + LISTED_BYTES * files + scene.edges * ("edges" in spec.annotations)
@@ -139,6 +137,8 @@ def _of_a_frame(spec: SequenceSpec, on_body: BodyCamera) -> float:
     if isinstance(on_body.mount, Gimbal):
         tables, poses = tables + MOUNT_BYTES, 2
     rows = poses * ROW_POSE_BYTES * camera.height * (RollingShutter in kinds)
+    if spec.crlb_every and on_body.name == MAIN:
+        tables += BOUND_BYTES / spec.crlb_every
     return pixels * (image + annotations) + tables + rows
 
 

@@ -1,15 +1,22 @@
 """The bytes that `--dry-run` tells of a sequence are those that it then has, within a quarter."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from uavbench.bench.config.suite import suite_of
+from uavbench.bench.disk_space.image_bytes import image_bytes
 from uavbench.bench.disk_space.sequence_bytes import MEASURED, sequence_bytes
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.generate import generate
+from uavbench.scenes.generate import generate, mounted_path, with_effects
+from uavbench.scenes.png.encoder import png
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import build_scene
 from uavbench.scenes.structures.registry import STRUCTURES
+from uavbench.trajectories.simulation.flight import fly
 
 ALL = ["depth", "mask", "edges", "flow", "normals"]
 IRIS = {"kind": "iris"}
@@ -74,6 +81,66 @@ def test_a_sequence_takes_the_bytes_that_were_told(tmp_path, scene, on):
     seconds = len((made.folder / "flight.csv").read_text().splitlines()) / 100
     taken = sum(path.stat().st_size for path in made.folder.rglob("*") if path.is_file())
     assert sequence_bytes(spec, len(made), seconds) == pytest.approx(taken, rel=0.25)
+
+
+NOISE = {"kind": "noise"}
+CHANGED = {
+    "noise, compressed": [NOISE, {"kind": "jpeg"}],
+    "compressed hard": [{"kind": "jpeg", "quality": 40}],
+    "much noise": [{"kind": "noise", "full_well_e": 1500.0}],
+    "little noise, hardly compressed": [
+        {"kind": "noise", "full_well_e": 40000.0, "read_noise_e": 3.0},
+        {"kind": "jpeg", "quality": 95},
+    ],
+    "an analog link": [NOISE, {"kind": "analog-link"}],
+    "a clean analog link": [
+        {"kind": "analog-link", "snow": 0.0, "bursts_per_frame": 0.0, "dropouts_per_frame": 0.0},
+    ],
+    "exposure": [{"kind": "auto-exposure"}, NOISE],
+}
+
+
+@pytest.mark.slow(seconds=20)
+@pytest.mark.parametrize("on", CHANGED)
+@pytest.mark.parametrize("scene", ["box", "building"])
+def test_images_take_the_bytes_that_are_told_of_noise_and_compression(clean_frames, on, scene):
+    """Of frames by the effects themselves, from the clean and the noisy bytes of the same frames."""
+    clean, noisy, taken = (clean_frames[scene](effects) for effects in ([], [NOISE], CHANGED[on]))
+    effects = spec_of(scene, effects=CHANGED[on]).effects
+    assert image_bytes(clean, noisy, effects) == pytest.approx(taken, rel=0.08)
+
+
+@pytest.fixture(scope="module")
+def clean_frames():
+    """For each scene, the mean bytes per pixel of two frames with effects."""
+    with ExitStack() as stack:
+        yield {scene: taken_by(scene, stack) for scene in ("box", "building")}
+
+
+def taken_by(scene, stack):
+    spec = spec_of(scene, camera={"width": 640, "height": 480})
+    built = build_scene(spec)
+    flight = fly(spec.flight, spec.mount.at_rest, built.obstacles, spec.seed)
+    camera = spec.camera.camera()
+    pinhole, lens = render_camera(camera, 0)
+    path = mounted_path(flight, lambda _: spec.mount.at_rest.cam_from_body)
+    renderer = stack.enter_context(built.renderer(pinhole.width, pinhole.height))
+    ideal = ideal_camera(renderer, camera, pinhole, lens, path, 0.0)
+
+    def taken(effects):
+        source = with_effects(ideal, spec_of(scene, effects=effects).effects, 0)
+        images = [encode(source.image(time_ns)) for time_ns in (0, 900_000_000)]
+        return sum(len(png(image)) for image in images) / (len(images) * 640 * 480)
+
+    return taken
+
+
+def test_of_the_cramer_rao_bounds_every_one_counts():
+    spec = spec_of("box")
+    bounds = [
+        sequence_bytes(replace(spec, crlb_every=every), 100, 1.0) - sequence_bytes(spec, 100, 1.0) for every in (1, 4)
+    ]
+    assert bounds[0] == pytest.approx(4 * bounds[1]) and bounds[0] > 100 * 400
 
 
 @pytest.mark.parametrize("name", ALL)
