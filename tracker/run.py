@@ -23,6 +23,7 @@ from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import Terminated, UserError, one_line
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.processes.forked import ending_what_forked_off
 from uavbench.trajectories.random_streams import stream
 
 KNOWN = Known()
@@ -90,7 +91,8 @@ def started(
     """Start a run of a tracker without a sequence; UserError as `begin`."""
     more = {"body": body} if "body" in inspect.signature(tracker.start).parameters else {}
     try:
-        run = tracker.start(structure, camera, cam_from_world, rng, **more)
+        with ending_what_forked_off():
+            run = tracker.start(structure, camera, cam_from_world, rng, **more)
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt | Terminated) or is_ours(tracker):
             raise
@@ -156,7 +158,8 @@ def track_frame(
             method = predict
             predict(expected.cam_from_world, expected.covariance)
         method = run.track
-        result = run.track(image, stamp_ns)
+        with ending_what_forked_off():
+            result = run.track(image, stamp_ns)
         total_ms = (time.perf_counter() - begin) * 1e3
         result = checked(result)
     except (KeyboardInterrupt, Terminated):

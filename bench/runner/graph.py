@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.worker_plugins import Plugins
-from uavbench.bench.runner.processes import end_when_told, end_with_parent
+from uavbench.bench.runner.processes import end_children_at_exit, end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Made, Place, expect_whole
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import DISK_ERRORS, DiskError, Terminated, UserError, one_line, plain
@@ -108,6 +108,7 @@ def start_worker(progress: Any) -> None:
         progress.cancel_join_thread()  # else SIGTERM during put() would wait for the queue's thread forever
     cv2.setNumThreads(1)  # one core per worker
     end_with_parent()
+    end_children_at_exit()
     end_when_told()  # last, because an exception here prints a traceback, and nothing has been written yet
 
 

@@ -7,11 +7,13 @@ import sys
 import threading
 from collections.abc import Callable
 from multiprocessing import connection, resource_tracker
+from multiprocessing.util import Finalize
 from typing import Any, NoReturn
 
 from uavbench.trajectories.errors import Terminated
 from uavbench.trajectories.lost_signals import raise_lost_signals_again
-from uavbench.trajectories.processes.guard_process import die_with
+from uavbench.trajectories.processes.forked import ending_what_forked_off
+from uavbench.trajectories.processes.guard_process import die_with, end_descendants
 
 _is_called = False
 _told = 0
@@ -51,7 +53,8 @@ def in_worker(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     global _is_called
     try:
         _is_called = True
-        result = function(*arguments)
+        with ending_what_forked_off():
+            result = function(*arguments)
     except Terminated:
         _exit()
     finally:
@@ -59,6 +62,14 @@ def in_worker(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     if _told:
         _exit()
     return result
+
+
+def end_children_at_exit() -> None:
+    """Make this worker kill, when it ends, the processes that a tracker in it has forked and left.
+
+    They would keep the output of the command open: one that reads it through a pipe would wait for them.
+    """
+    Finalize(None, end_descendants, exitpriority=0)
 
 
 def start_resource_tracker() -> None:
@@ -87,6 +98,7 @@ def _end(number: int, _: object) -> None:
 def _exit() -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
+    end_descendants()
     os._exit(128 + _told)
 
 
