@@ -1,12 +1,12 @@
-"""Plausibility checks of a trajectory: units of stamps and positions, order of quaternion components."""
+"""Plausibility checks of a trajectory: units of stamps and positions, order of quaternions, direction of poses."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
 from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.association import PosePairs
-from uavbench.reports.metrics.quaternions import between
+from uavbench.reports.metrics.quaternions import between, conjugate
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -18,14 +18,18 @@ CLOSE_RAD = np.radians(10.0)
 """Median rotation error in rad below which the quaternion order is not doubted."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
-ORDERS = {"w first": [1, 2, 3, 0], "w last": [3, 0, 1, 2]}
-"""Places of the components of quaternions that were read in the wrong order."""
+OTHERWISE: Mapping[str, Callable[[Array], Array]] = {
+    "its quaternions were read w first": lambda q: q[:, [1, 2, 3, 0]],
+    "its quaternions were read w last": lambda q: q[:, [3, 0, 1, 2]],
+    "its poses were inverted": conjugate,
+}
+"""Other readings of quaternions wxyz (n, 4): of another order, or of poses that map from the world."""
 SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
 """Alignments that estimate the scale."""
 
 
 def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align: Alignment) -> Iterator[str]:
-    """A sentence for each likely mistake in the units of a trajectory, or in the order of its quaternion components.
+    """A sentence for each likely mistake in units, in the order of quaternion components, or in the poses' direction.
 
     pairs: matched poses before alignment.
     """
@@ -42,21 +46,21 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     if factor and align not in SCALED and np.corrcoef(near, far)[0, 1] > SAME_WAY:
         yield f"the positions of the estimate spread {_times(factor)} those of the reference: are both in metres?"
     e, r = pairs.estimate_q, pairs.reference_q
-    if orders := (align == "none" and _fitting_orders(e, r, lambda q: q)) or _fitting_orders(e, r, _since_first):
-        said = " or ".join(orders)
-        yield f"the rotations of the estimate would fit if its quaternions were read {said}: is their order right?"
+    if found := (align == "none" and _fitting(e, r, lambda q: q)) or _fitting(e, r, _since_first):
+        said = " or if ".join(found)
+        yield f"the rotations of the estimate would fit if {said}: are their order and direction (to the world) right?"
 
 
-def _fitting_orders(estimate_q: Array, reference_q: Array, of: Callable[[Array], Array]) -> list[str]:
-    """The other orders of the components in which what `of` gives of the rotations would fit.
+def _fitting(estimate_q: Array, reference_q: Array, of: Callable[[Array], Array]) -> list[str]:
+    """The other readings by which what `of` gives of the rotations would fit.
 
     The world of the estimate may be another one before an alignment; rotations since the first pose fit all the same.
     """
     given = _angle(of(estimate_q), of(reference_q))
     return [
         what
-        for what, order in ORDERS.items()
-        if given > CLOSE_RAD and _angle(of(estimate_q[:, order]), of(reference_q)) < 0.1 * given
+        for what, otherwise in OTHERWISE.items()
+        if given > CLOSE_RAD and _angle(of(otherwise(estimate_q)), of(reference_q)) < 0.1 * given
     ]
 
 

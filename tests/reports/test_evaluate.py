@@ -282,6 +282,16 @@ def test_quaternions_in_another_order_are_told_in_another_world_too(tmp_path: Pa
     assert len(wrong) == 1 and "would fit if its quaternions were read w first" in wrong[0], wrong
 
 
+@pytest.mark.parametrize("align", ["none", "origin"])
+def test_inverse_poses_are_told(tmp_path: Path, align: str) -> None:
+    """An estimate that maps the world to the camera is read as its inverse, whose path has another shape."""
+    way = circle()
+    inverse = Trajectory.from_poses(way.stamps_ns.tolist(), [way.pose(k).inverse() for k in range(len(way))])
+    truth = written(tmp_path / "truth.tum", way)
+    (said,) = evaluate_files(truth, written(tmp_path / "inverse.tum", inverse), align=align).record["doubts"]
+    assert said.startswith("the rotations of the estimate would fit if ") and "its poses were inverted" in said
+
+
 def test_a_compressed_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.tum.gz").write_bytes(gzip.compress(written(tmp_path / "a.tum", circle()).read_bytes()))
     with pytest.raises(UserError, match=r"a\.tum\.gz: is compressed by gzip; decompress it with `gunzip`"):

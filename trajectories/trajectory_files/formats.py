@@ -21,6 +21,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, quaternion_from_rotation
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.covariances import CovariantTrajectory, PoseCovariances
+from uavbench.trajectories.trajectory_files.named_columns import check_named_columns
 from uavbench.trajectories.trajectory_files.number_lines import (
     STAMP_CHARACTERS,
     Layout,
@@ -100,6 +101,7 @@ def read_tum(path: Path) -> Trajectory:
 
 def read_covariant_tum(path: Path) -> CovariantTrajectory:
     """The same with the covariances that may follow the poses, in world axes, position first."""
+    check_named_columns(path, comments(path), "tum")
     width = len(cells_of(first_lines(path, 1)[0][1]))
     lines = read_lines(path, Layout(width if width in COVARIANT_TUM_VALUES else TUM_VALUES, unit_ns=10**9))
     trajectory = _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
@@ -109,6 +111,7 @@ def read_covariant_tum(path: Path) -> CovariantTrajectory:
 
 def read_euroc(path: Path) -> Trajectory:
     """Trajectory of an EuRoC ground-truth file; columns after the quaternion are ignored. UserError naming the line."""
+    check_named_columns(path, comments(path), "euroc")
     lines = read_lines(path, Layout(8, more=True, unit_ns=1))
     return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, 4:8])
 
