@@ -223,6 +223,10 @@ def _bytes_flown(spec: SequenceSpec, frames: int, duration_s: float) -> float:
 def _plan(spec: SequenceSpec) -> FlightSummary | str:
     """Summary of the planned path, or why there is none."""
     try:
-        return planned_summary(spec.flight, spec.mount.at_rest, obstacles_of(spec), spec.seed)
+        obstacles = obstacles_of(spec)
+    except UserError as error:
+        return str(error)
+    try:
+        return planned_summary(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
     except UserError as error:
         return f"path {path_name(spec.flight.path)}: {error}"

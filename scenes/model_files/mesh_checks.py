@@ -36,6 +36,8 @@ MOST_CHUNKS = 16
 LARGEST_M, SMALLEST_M = 2000.0, 0.02
 UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
 """glTF extensions for compressed meshes or images that trimesh cannot decode."""
+STL_HEADER_BYTES, STL_TRIANGLE_BYTES = 84, 50
+"""Bytes of a binary STL file before its triangles, the last four of which count them, and of each (3D Systems 1989)."""
 
 
 def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: bool) -> None:
@@ -101,6 +103,8 @@ def check_file(path: Path, data: bytes) -> None:
     """UserError for a file that is too large, uses an unsupported compression, or refers to a missing file."""
     kind = path.suffix.lower()
     _check_size(path, data)
+    if kind == ".stl":
+        _check_stl(path, data)
     scene = _gltf_scene(path, data) if kind in (".gltf", ".glb") else {}
     wanted = _obj_wants(path, data) if kind == ".obj" else _gltf_wants(path, scene) if scene else []
     for name in wanted:
@@ -110,6 +114,19 @@ def check_file(path: Path, data: bytes) -> None:
             raise UserError(f"{path}: refers to {name}, which is missing; put it next to the model or export it again")
     with _told_as_unreadable(path):
         check_embedded(path, data, scene)
+
+
+def _check_stl(path: Path, data: bytes) -> None:
+    """UserError for a binary STL file that ends before the triangles that its header counts; text has no such count."""
+    header = data[:STL_HEADER_BYTES]
+    if b"\0" not in header:
+        return
+    held = max(len(data) - STL_HEADER_BYTES, 0) // STL_TRIANGLE_BYTES
+    if (told := int.from_bytes(header[80:84], "little")) > held:
+        raise UserError(
+            f"{path}: is truncated: its header counts {told:,} triangles, and it holds {held:,}; copy it again, or "
+            "export the model again"
+        )
 
 
 def _beside(path: Path, name: str) -> bool:

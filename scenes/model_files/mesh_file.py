@@ -1,6 +1,7 @@
 """A structure from a model file: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; validated before anything is rendered."""
 
 import io
+from codecs import BOM_UTF8
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -113,6 +114,7 @@ def read(path: Path) -> list[Loaded]:
         raise UserError(f"{path}: cannot read models of type {kind or 'without suffix'}; "
                         f"supported: {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
     data = read_bytes(path, MODEL)
+    data = data.removeprefix(BOM_UTF8) if kind == ".obj" else data  # its first line would be unknown, and left out
     check_file(path, data)
     data = with_triangles(path, data) if kind == ".obj" else data
     import trimesh

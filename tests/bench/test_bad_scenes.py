@@ -102,6 +102,10 @@ FLOWN = {
         'cameras = [{ name = "right", mount = { offset_m = [1.1, 0.0, -0.25] } }]',
         r"sequence inside-s0: camera right: .* the camera is inside the structure; .*",
     ),
+    "model": (
+        'structure = { kind = "mesh", path = "none.obj" }',
+        r".*none.obj: no such file.*",
+    ),
     "walls": (
         'environment = { kind = "indoor", room_m = 2.2 }',
         r"sequence walls-s0: camera camera: t = .* a wall or the ceiling of the room, .* raise environment.room_m .*",

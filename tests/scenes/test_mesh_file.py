@@ -493,3 +493,23 @@ def test_convex_faces_are_left_as_they_are(tmp_path: Path) -> None:
         b"v 0 0 0\r\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0 0\nf 1/1 5/2 2/3 3/4 4/5 # with a corner on a side\nf 1 2 3 9"
     )
     assert with_triangles(tmp_path / "flat.obj", data) is data
+
+
+def test_an_obj_file_with_a_byte_order_mark_has_all_its_vertices(tmp_path):
+    plain, marked = (tmp_path / name for name in ("plain.obj", "marked.obj"))
+    box = trimesh.creation.box((0.4, 0.3, 0.2))
+    lines = [f"v {x} {y} {z}" for x, y, z in box.vertices.tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in box.faces.tolist()]
+    plain.write_text("\n".join(lines), encoding="utf-8")
+    marked.write_text("\n".join(lines), encoding="utf-8-sig")
+    one, other = (MeshFile(path=str(path)).build(np.random.default_rng(0)).structure for path in (plain, marked))
+    assert one.vertices.tobytes() == other.vertices.tobytes()
+
+
+def test_a_truncated_binary_stl_file_is_told(tmp_path):
+    whole = b"by a scanner".ljust(80, b"\0") + (12).to_bytes(4, "little") + bytes(12 * 50)
+    (tmp_path / "half.stl").write_bytes(whole[:-70])
+    with pytest.raises(
+        UserError, match=r"half.stl: is truncated: its header counts 12 triangles, and it holds 10; copy it"
+    ):
+        MeshFile(path=str(tmp_path / "half.stl")).build(np.random.default_rng(0))
