@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.open_loop import OpenLoop
+from uavbench.bench.closed_loop.sensing import live
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.graph import Work
 from uavbench.bench.runner.tasks import Fly, Render, Video
@@ -167,13 +169,17 @@ def _extent(
 
 
 def _rate_problem(work: Render | Fly, planned: FlightSummary | None) -> str:
-    """Why a rate does not fit the planned flight, "" if all do."""
+    """Why a rate does not fit the planned flight, or sensors do not serve the loop; "" if all do."""
     spec = work.spec
     assert isinstance(spec, SequenceSpec) and planned is not None
     flown_ns = round(1e9 * planned.duration_s)
     try:
         if isinstance(work, Fly):
             check_rate(work.pilot.rate_hz, flown_ns, "frame", "rates_hz")
+            for sensor in spec.sensors:
+                live(sensor)
+            if planned.duration_s < (work.pilot.loop.time_limit_s or math.inf):  # else it is not that of the path
+                check_loop(work.pilot.loop, spec, planned.duration_s)
         else:
             check_rate(spec.rate_hz, flown_ns, "frame")
         check_sensors(spec.sensors, flown_ns)
@@ -181,7 +187,7 @@ def _rate_problem(work: Render | Fly, planned: FlightSummary | None) -> str:
             if isinstance(mount, Gimbal):
                 mount.encoder.check(flown_ns)
     except UserError as error:
-        return str(error)
+        return str(error).removeprefix(f"sequence {spec.name}: ")
     return ""
 
 

@@ -127,6 +127,23 @@ def test_a_dry_run_of_flights_tells_those_that_cannot_be_flown(suite, tmp_path):
     assert "6 of 24 flights cannot be made: never hold@5hz+soon" in done.stderr
 
 
+def test_a_dry_run_of_flights_tells_sensors_that_cannot_serve_the_loop(suite, tmp_path):
+    given = "[sequences.pilot]\nsensors = [{ kind = 'imu' }, { kind = 'gnss' }]\n"
+    text = SUITE.partition("[sequences.timed]")[0] + given + SUITE.partition("[sequences.pilot]\n")[2]
+    outages = """
+[loop]
+gnss_outages_s = [[0.0, 100.0]]
+sensors = ["imu", "gnss"]
+"""
+    for lines, told in (
+        (outages, "pilot: no sensor can hold the vehicle: imu, gnss alone, without GNSS during the whole flight"),
+        (LOOP, "pilot: sensors: Lidar2d cannot be read in flight"),
+    ):
+        suite.write_text(text.replace("'gnss' }", "'lidar-2d' }" if lines is LOOP else "'gnss' }") + lines)
+        done = CliRunner().invoke(main, ["fly", str(suite), "--out", str(tmp_path / "out"), "--dry-run"])
+        assert done.exit_code == 2 and told in done.stdout, done.output
+
+
 def test_a_dry_run_refuses_what_the_command_would(suite, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.txt").write_text("mine")
