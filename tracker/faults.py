@@ -64,6 +64,7 @@ def _is_users(frame: FrameType) -> bool:
 
 def place(error: BaseException, method: Any) -> str:
     """File, line and function of the tracker's code that raised an exception, else those of the method's definition."""
+    method = getattr(method, "__wrapped__", method)
     own = _top(getattr(method, "__module__", ""))
     found = [
         (frame.f_code, line)

@@ -1,6 +1,7 @@
 """Flights in closed loop: what the controller knows, what is repeatable, and what a bad tracker cannot do."""
 
 import json
+import re
 import sys
 
 import numpy as np
@@ -491,3 +492,23 @@ def test_a_time_limit_ends_a_flight():
     found = flown(box(), Blind(), estimator="truth", time_limit_s=0.5)
     assert (found.record["flight"]["status"], found.record["flight"]["ended_s"]) == ("timed out", 0.5)
     assert not measure_flight(found).success
+
+
+class NotFinite:
+    """A tracker whose poses are not finite."""
+
+    def start(self, structure, camera, cam_from_world, rng):
+        self.pose = Pose(cam_from_world.rotation, np.ones(3))
+        object.__setattr__(self.pose, "translation", np.full(3, np.nan))
+        return self
+
+    def track(self, image, stamp_ns):
+        return TrackResult(status="ok", cam_from_world=self.pose)
+
+
+def test_a_bad_result_in_flight_is_told_with_the_place_in_the_trackers_code():
+    flight = flown(box(), NotFinite(), estimator="truth")
+    assert flight.record["errors"]
+    for error in flight.record["errors"]:
+        assert "[bad-result] the pose is not finite" in error
+        assert re.search(r"test_closed_loop.py:\d+ in track\)", error)
