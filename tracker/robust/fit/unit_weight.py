@@ -15,6 +15,7 @@ PRIOR_FREEDOM = 6.0
 SHARED_PX = 0.01
 """Deviation, in px, of a shift that all of an image shares and no spread shows, as from light that comes from above:
 0.005 to 0.04 px on rendered facades, less on bridges."""
+NOTHING_SEEN = Spread(0.0, 0.0)
 
 
 @dataclass
@@ -22,7 +23,7 @@ class UnitWeight:
     """Running means of the edges' spread in the frames of a run, a new one of which weighs at least `rate`."""
 
     rate: float
-    spread: Spread = Spread(0.0, 0.0)
+    spread: Spread = NOTHING_SEEN
     frames: int = 0
 
     def learn(self, fit: Fit, state: BiasState) -> None:
