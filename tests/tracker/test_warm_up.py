@@ -52,6 +52,24 @@ for kind in sorted(TRACKERS):
 print(json.dumps(told))
 """
 
+COLLECTED = """
+import gc
+import sys
+import numpy as np
+import uavbench as ub
+from tests.tracker.synthetic import CAMERA, box
+from uavbench.trajectories.pose import Pose
+
+with np.load(sys.argv[1]) as flight:
+    images, first = flight["images"], flight["first"]
+run = ub.start("robust", box(), CAMERA, Pose(first[:3, :3], first[:3, 3]))
+whole = []
+gc.callbacks.append(lambda phase, about: whole.append(phase) if about["generation"] == 2 else None)
+for k, image in enumerate(images):
+    run.track(image, k * 66_666_667)
+print(len(whole))
+"""
+
 
 @pytest.fixture(scope="module")
 def flight_file(tmp_path_factory):
@@ -73,6 +91,13 @@ def test_no_frame_of_any_kind_compiles_anything(flight_file):
     assert set(told) == {f"{kind} {grey}" for kind in TRACKERS for grey in (False, True)}
     assert {run: heard for run, (_, *heard) in told.items() if heard} == {}
     assert told["robust False"][0] >= 2  # frames were lost, and so poses searched
+
+
+def test_no_frame_waits_for_the_garbage_of_what_was_imported(flight_file):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    code = [sys.executable, "-c", COLLECTED, str(flight_file)]
+    done = subprocess.run(code, capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout == "0\n"
 
 
 def test_a_started_tracker_has_all_its_kernels_and_they_take_no_other_types():
