@@ -66,7 +66,8 @@ def hostile(tmp_path):
 
 
 def test_the_command_works_among_foreign_names(installed, hostile):
-    assert "robust" in run(installed.parent / "uavbench", "list", folder=hostile)
+    for command in ([installed.parent / "uavbench"], [installed, "-m", "uavbench"]):
+        assert "robust" in run(*command, "list", folder=hostile)
 
 
 def test_the_api_and_a_spawned_worker_work_among_foreign_names(installed, hostile):

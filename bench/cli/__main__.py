@@ -1,4 +1,4 @@
-"""Entry point of the command `uavbench`, also as `python -m uavbench.bench.cli`."""
+"""Entry point of the command `uavbench`."""
 
 import signal
 
