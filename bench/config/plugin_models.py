@@ -106,19 +106,29 @@ def _carry(made: Any, files: tuple[str, ...], at: str, errors: list[str]) -> Non
 
 
 def own_plugins(data: Any) -> Extra:
-    """The user's plug-ins named by a config's `kind` keys as `module:attribute`; UserError when an import fails."""
+    """The user's plug-ins named by a config's `kind` keys as `module:attribute`.
+
+    UserError with a line for each that cannot be imported, after the key that names it first.
+    """
     found: dict[str, type] = {}
-    stack = [data]
+    mistakes: dict[str, str] = {}
+    stack = [("", data)]
     while stack:
-        item = stack.pop()
+        at, item = stack.pop()
         if isinstance(item, Mapping):
             kind = item.get("kind")
             declared.update(_input_files(item))
-            if isinstance(kind, str) and ":" in kind and kind not in found:
-                found[kind] = import_plugin(kind)
-            stack.extend(item.values())
+            if isinstance(kind, str) and ":" in kind and kind not in found and kind not in mistakes:
+                try:
+                    found[kind] = import_plugin(kind)
+                except UserError as error:
+                    mistakes[kind] = f"{at}.kind: {error}" if at else str(error)
+            stack.extend((f"{at}.{key}" if at else str(key), value) for key, value in item.items())
         elif isinstance(item, list):
-            stack.extend(item)
+            stack.extend((f"{at}[{i}]", value) for i, value in enumerate(item))
+    if mistakes:
+        several = [f"{len(mistakes)} mistakes"] if len(mistakes) > 1 else []
+        raise UserError("\n  ".join([*several, *reversed(mistakes.values())]))  # the stack goes from the end
     return tuple(sorted(found.items()))
 
 

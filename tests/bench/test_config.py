@@ -336,4 +336,10 @@ def test_a_users_own_plugin_is_taken_by_module_and_attribute(tmp_path, monkeypat
     monkeypatch.syspath_prepend(tmp_path)
     text = GOOD.replace('kind = "hold"', 'kind = "mine_for_test:Mine", gain = 2.0')
     assert load_suite(suite(tmp_path, text)).trackers["hold"].gain == 2.0
-    assert "cannot be imported" in mistakes(tmp_path, text.replace("mine_for_test", "not_there"))[0]
+    missing = text.replace("mine_for_test", "not_there")
+    one = mistakes(tmp_path, missing)
+    assert len(one) == 1
+    assert "trackers.hold.kind: plug-in 'not_there:Mine' cannot be imported" in one[0]
+    first, second = mistakes(tmp_path, missing.replace('kind = "box"', 'kind = "nor_here:Box"'))
+    assert "structure.kind: plug-in 'nor_here:Box' cannot be imported" in first
+    assert second.startswith("trackers.hold.kind: plug-in 'not_there:Mine' cannot be imported")
