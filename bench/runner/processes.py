@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from uavbench.trajectories.errors import Terminated
 from uavbench.trajectories.lost_signals import raise_lost_signals_again
 from uavbench.trajectories.processes.forked import ending_what_forked_off
-from uavbench.trajectories.processes.guard_process import die_with, end_descendants
+from uavbench.trajectories.processes.guard_process import die_with, end_descendants, is_guard
 
 _is_called = False
 _told = 0
@@ -67,9 +67,10 @@ def in_worker(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
 def end_children_at_exit() -> None:
     """Make this worker kill, when it ends, the processes that a tracker in it has forked and left.
 
-    They would keep the output of the command open: one that reads it through a pipe would wait for them.
+    They would keep the output of the command open: one that reads it through a pipe would wait for them. Guards end by
+    themselves, and then remove their folders.
     """
-    Finalize(None, end_descendants, exitpriority=0)
+    Finalize(None, end_descendants, (is_guard,), exitpriority=0)
 
 
 def start_resource_tracker() -> None:
@@ -98,7 +99,7 @@ def _end(number: int, _: object) -> None:
 def _exit() -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
-    end_descendants()
+    end_descendants(is_guard)
     os._exit(128 + _told)
 
 

@@ -160,6 +160,33 @@ def test_a_signal_that_comes_in_a_callback_of_c_ends_the_process(number, main, c
     assert "ignored" not in done.stderr
 
 
+GUARDING = """
+import os, signal, sys, time
+from uavbench.bench.runner.processes import end_when_told, in_worker
+from uavbench.trajectories.processes.guard import Guard
+
+def guarding():
+    guard = Guard("uavbench-guarding-")
+    guard.start([sys.executable, "-c", "import time; time.sleep(600)"], os.environ, (0, 1, 1))
+    if os.fork() == 0:
+        time.sleep(600)
+    os.kill(os.getpid(), signal.SIGTERM)  # before it is known to anything that would close it
+    time.sleep(600)
+
+end_when_told()
+in_worker(guarding, ())
+"""
+
+
+def test_a_worker_that_is_ended_leaves_its_guards_to_remove_their_folders(tmp_path):
+    environment = {**os.environ, "UAVBENCH_MARK": f"uavbench-mark-{tmp_path.name}", "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-c", GUARDING]
+    done = subprocess.run(command, env=environment, capture_output=True, check=False, preexec_fn=as_from_a_terminal)
+    assert done.returncode == 143, done.stderr
+    assert wait_until(lambda: not with_mark(environment["UAVBENCH_MARK"]))
+    assert not list(tmp_path.glob("uavbench-*"))
+
+
 INTERRUPTED = """
 import os, signal, sys
 

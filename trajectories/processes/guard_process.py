@@ -18,7 +18,7 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
@@ -198,19 +198,31 @@ def die_with(parent: int) -> None:
         os._exit(1)
 
 
-def end_descendants() -> list[tuple[int, int]]:
+def nobody(_: int) -> bool:
+    """Spares no process."""
+    return False
+
+
+def end_descendants(spares: Callable[[int], bool] = nobody) -> list[tuple[int, int]]:
     """Kill all descendants of this process, in any session; (pid, exit code) of its direct children.
 
-    They are stopped first, so that none forks in the meantime.
+    They are stopped first, so that none forks in the meantime. spares: which processes live on with their descendants.
     """
     ended: list[tuple[int, int]] = list(reap())
     deadline = time.monotonic() + GIVE_UP_S
-    while (living := descendants(os.getpid())) and time.monotonic() < deadline:
+    while (living := descendants(os.getpid(), spares)) and time.monotonic() < deadline:
         _signal(living, signal.SIGSTOP)
-        _signal(living | descendants(os.getpid()), signal.SIGKILL)
+        _signal(living | descendants(os.getpid(), spares), signal.SIGKILL)
         time.sleep(0.002)
         ended += reap()
     return ended
+
+
+def is_guard(pid: int) -> bool:
+    """Whether a process is a guard, which cleans up by itself when its owner ends."""
+    with suppress(OSError):
+        return os.fsencode(__file__) in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    return False
 
 
 def reap() -> Iterator[tuple[int, int]]:
@@ -220,12 +232,12 @@ def reap() -> Iterator[tuple[int, int]]:
             yield ended[0], os.waitstatus_to_exitcode(ended[1])
 
 
-def descendants(root: int) -> set[int]:
-    """All descendants of a process."""
+def descendants(root: int, spares: Callable[[int], bool] = nobody) -> set[int]:
+    """All descendants of a process but those that are spared and theirs."""
     found: set[int] = set()
     todo = [root]
     while todo:
-        new = [pid for pid in children(todo.pop()) if pid not in found]
+        new = [pid for pid in children(todo.pop()) if pid not in found and not spares(pid)]
         found.update(new)
         todo += new
     return found
