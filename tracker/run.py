@@ -152,13 +152,13 @@ def track_frame(
     method = sense or predict or run.track
     begin = time.perf_counter()
     try:
-        if sense is not None:
-            sense(samples)
-        if predict is not None and expected is not None:
-            method = predict
-            predict(expected.cam_from_world, expected.covariance)
-        method = run.track
         with ending_what_forked_off():
+            if sense is not None:
+                sense(samples)
+            if predict is not None and expected is not None:
+                method = predict
+                predict(expected.cam_from_world, expected.covariance)
+            method = run.track
             result = run.track(image, stamp_ns)
         total_ms = (time.perf_counter() - begin) * 1e3
         result = checked(result)

@@ -34,6 +34,31 @@ class Run:
         self.tracker.fork("track")
         return TrackResult(status="ok", cam_from_world=self.pose)
 """
+FRAME = """
+import os, sys
+from uavbench.tracker.protocol import Prediction, TrackResult
+from uavbench.tracker.run import track_frame
+
+class Run:
+    def sense(self, samples):
+        self.fork("sense")
+
+    def predict(self, cam_from_world, covariance):
+        self.fork("predict")
+
+    def track(self, image, stamp_ns):
+        self.fork("track")
+        return TrackResult(status="lost")
+
+    def fork(self, place):
+        if place == sys.argv[1] and not (child := os.fork()):
+            if sys.argv[2] != "0":
+                sys.exit(int(sys.argv[2]))
+        elif place == sys.argv[1]:
+            print("child", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+print(track_frame(Run(), None, 0, {}, Prediction(None, None)).error or "no error", flush=True)
+"""
 DEADLINE_S = 120
 """Longer than such a suite takes on a busy machine, shorter than the children sleep."""
 
@@ -48,3 +73,11 @@ def test_the_command_ends_with_one_result_and_its_output_closed(tmp_path, child)
     assert done.returncode == 0, done.stderr
     assert "0 failed" in done.stderr
     assert done.stderr.count("  track ") == 2  # of two sequences
+
+
+@pytest.mark.parametrize("code", [0, 3])
+@pytest.mark.parametrize("method", ["sense", "predict", "track"])
+def test_a_process_forked_in_any_method_ends_there_with_its_exit_code(method, code):
+    command = [sys.executable, "-c", FRAME, method, str(code)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == (f"child {code}\nno error\n", 0), done.stderr
