@@ -10,7 +10,7 @@ from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.sensing import live
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
-from uavbench.bench.runner.graph import Work
+from uavbench.bench.runner.graph import Work, fault_line
 from uavbench.bench.runner.tasks import Fly, Render, Video
 from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
 from uavbench.scenes.scene import confines_of, obstacles_of
@@ -203,8 +203,8 @@ def _rehearsed(found: Extent, work: Render | Fly) -> Extent:
         confines, obstacles = confines_of(spec), obstacles_of(spec)
         open_loop = OpenLoop.of(spec, work.pilot.rate_hz, obstacles, confines)
         return replace(found, unreached=open_loop.unreached)
-    except UserError as error:
-        return replace(found, problem=str(error).removeprefix(f"sequence {spec.name}: "))
+    except Exception as error:
+        return replace(found, problem=_problem(error).removeprefix(f"sequence {spec.name}: "))
 
 
 def _frames(filmed_s: float, rate_hz: float) -> int:
@@ -230,9 +230,14 @@ def _plan(spec: SequenceSpec) -> FlightSummary | str:
     """Summary of the planned path, or why there is none."""
     try:
         obstacles = obstacles_of(spec)
-    except UserError as error:
-        return str(error)
+    except Exception as error:
+        return _problem(error)
     try:
         return planned_summary(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
-    except UserError as error:
-        return f"path {path_name(spec.flight.path)}: {error}"
+    except Exception as error:
+        return f"path {path_name(spec.flight.path)}: {_problem(error)}"
+
+
+def _problem(error: Exception) -> str:
+    """What is wrong, in the words of the job: a mistake of the user, or a fault of the user's code."""
+    return str(error) if isinstance(error, UserError) else fault_line(error)

@@ -158,12 +158,12 @@ def run_job(plugins: Plugins, name: str, work: Work, made: Made, needs: tuple[Ma
         raise UserError(str(error)) from error
     except OSError as error:
         if error.errno not in DISK_ERRORS:
-            raise JobFaultError(_fault(error)) from error
+            raise JobFaultError(fault_line(error)) from error
         raise DiskError.of(error) from error
     except (KeyboardInterrupt, Terminated):
         raise
     except BaseException as error:  # a user's plug-in may raise anything, including SystemExit
-        raise JobFaultError(_fault(error)) from error
+        raise JobFaultError(fault_line(error)) from error
     return JobCost(time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 
@@ -232,7 +232,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     return outcome
 
 
-def _fault(error: BaseException) -> str:
+def fault_line(error: BaseException) -> str:
     """The exception as text, with its place in the code of a user's plug-in."""
     return f"{one_line(named(error))}{users_place(error)}"
 

@@ -118,10 +118,22 @@ FLOWN = {
         'environment = { kind = "outdoor", site = { embankments = true } }',
         r"environment.site: embankments and markings need a structure that carries a road: a bridge",
     ),
+    "own": (
+        'clutter = [{ kind = "faulty:Faulty" }]',
+        r"IndexError: list index out of range \(faulty.py:7 in build\)",
+    ),
 }
 """Sequences that only the flight shows to be impossible, and what is told about each."""
 
 
+FAULTY = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Faulty:
+    def build(self, bounds, rng):
+        return [][0]
+"""
 SLOW = SUITE.replace("[5.0]", "[0.2]") + SEQUENCE.replace("NAME", "slow") + "rate_hz = 0.2\n"
 """Of a flight of some 2 s, frames 5 s apart."""
 
@@ -149,6 +161,7 @@ def sequence(name, lines):
 def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path):
     parts = [sequence(name, lines) for name, (lines, _) in FLOWN.items()]
     (tmp_path / "bad.toml").write_text("\n".join([SUITE, *parts]))
+    (tmp_path / "faulty.py").write_text(FAULTY)
     dry = uavbench("render", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
     assert dry.returncode == 2
     assert dry.stderr.startswith(f"{len(FLOWN)} of {len(FLOWN)} sequences cannot be made: {', '.join(FLOWN)};")
