@@ -9,7 +9,7 @@ from uavbench.scenes.renderables import Confines
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.sensor import stamps_between
+from uavbench.trajectories.sensors.sensor import check_rate, stamps_between
 from uavbench.trajectories.simulation.flight import begin, fly_through
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -32,8 +32,8 @@ class OpenLoop:
     def of(cls, spec: SequenceSpec, rate_hz: float, obstacles: ObstacleMesh, confines: Confines) -> "OpenLoop":
         """The flight of a sequence with frames at rate_hz.
 
-        UserError when it fails, crashes or has no room, when its camera leaves the scene, or its gimbal never sees its
-        target.
+        UserError when it fails, crashes or has no room, when its camera leaves the scene, its gimbal never sees its
+        target, or the rate does not fit.
         """
         lens_of(spec, cameras_of(spec)[0])
         simulation = begin(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
@@ -41,7 +41,9 @@ class OpenLoop:
         flown = fly_through(simulation, flight, spec.mount.at_rest, obstacles)
         check_confines(spec, flown, confines)
         mount = spec.mount.along(flown, aim_of(obstacles))
-        stamps_ns = stamps_between(0, int(flown.stamps_ns[-1]), rate_hz)
+        flown_ns = int(flown.stamps_ns[-1])
+        check_rate(rate_hz, flown_ns, "frame", "rates_hz")
+        stamps_ns = stamps_between(0, flown_ns, rate_hz)
         missed = missed_targets(spec, [mount], [stamps_ns])
         planned = simulation.reference
         rows = np.arange(0, len(planned), PLAN_STRIDE)

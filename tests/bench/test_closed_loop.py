@@ -512,3 +512,9 @@ def test_a_bad_result_in_flight_is_told_with_the_place_in_the_trackers_code():
     for error in flight.record["errors"]:
         assert "[bad-result] the pose is not finite" in error
         assert re.search(r"test_closed_loop.py:\d+ in track\)", error)
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, np.inf])
+def test_a_rate_that_does_not_fit_is_refused_by_name(rate_hz):
+    with pytest.raises(UserError, match=f"rates_hz {rate_hz:g}: "):
+        fly(box(), Pilot(label="it", tracker=GroundTruth(), rate_hz=rate_hz, loop=LoopSpec(estimator="truth")))
