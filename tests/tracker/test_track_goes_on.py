@@ -59,6 +59,24 @@ def test_the_search_for_a_fit_that_chance_may_have_found_is_put_off_once_it_was_
     assert decider.search_is_due(tracked.frame, fit)
 
 
+@pytest.mark.parametrize(
+    ("step_s", "log10_chance", "support", "due"),
+    [
+        (0.2, -8.0, 0.7, True),
+        (0.2, -8.0, 0.9, False),
+        (0.2, -16.1, 0.7, False),
+        (0.1, -8.0, 0.7, False),
+    ],
+)
+def test_less_support_than_usual_is_compared_where_there_is_budget_and_doubt(
+    tracked, monkeypatch, step_s, log10_chance, support, due
+):
+    """Usual is 0.9 here: at 5 Hz a box whose side lies on the lines of a floor has 0.79, and 1e-9 of it by chance."""
+    monkeypatch.setattr(tracked.run.state, "usual_support", 0.9)
+    fit = replace(tracked.fit, support=support, chance=Chance(log10_chance, log10_chance))
+    assert tracked.run.decider.search_is_due(tracked.frame._replace(step_s=step_s), fit) == due
+
+
 def test_after_a_long_interval_support_alone_counts(tracked):
     """The pose is then compared with those at which the structure looks alike, whatever chance may have found."""
     fit = replace(tracked.fit, support=0.99, chance=Chance(0.0, 0.0))

@@ -15,7 +15,7 @@ from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.relocalization.doubts import Doubts
-from uavbench.tracker.robust.relocalization.ranking import Contender, Sought, is_suspect
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -234,11 +234,14 @@ class Decider:
         """Whether a fit's support is so low that a pose search is required.
 
         A fit that chance would find among the poses of a search is believed as little here as there, and is not put off
-        for a search of another fit. After a long frame interval it is compared with other poses anyway.
+        for a search of another fit. After a long frame interval it is compared with other poses anyway. Where frames
+        have more than the least budget, a fit of less than the usual support is, too, unless chance is beyond doubt.
         """
         loss, slow = self.config.loss, self.is_slow(frame)
         suspect = not slow and is_suspect(fit)
-        wanted = self.state.usual_or_good() if slow else self.config.good_support
+        doubtful = fit.log10_false_alarms(SEARCHED_POSES) >= loss.log10_false_alarms
+        unusual = slow or (doubtful and not self.config.budget.is_least(frame.step_s))
+        wanted = self.state.usual_or_good() if unusual else self.config.good_support
         if not suspect and fit.support >= wanted:
             return False
         put_off = self.until_search >= 0 and not self.relocator.under_way and self.searched_suspect >= suspect

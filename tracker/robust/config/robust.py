@@ -69,8 +69,8 @@ class LossConfig:
     doubted. Measured: -10.2 to -27.7 at 24 of 25 right poses found from a wrong initial pose, -6.3 to -9.2 where a box
     was sought in images of a bridge."""
     slow_part: Part = 0.92
-    """Fraction of the usual support below which a pose search follows an interval of `slow_s`. Chosen on rendered
-    seeds."""
+    """Fraction of the usual support below which a pose search follows an interval of `slow_s`, or one of more budget
+    than the least where chance may have found the pose. Chosen on rendered seeds."""
     far_part: Part = 0.8
     """Least support, as a fraction of the usual one, of a pose far from the prediction, and of the first pose after
     track loss. Measured on a bridge: 0.55 to 0.64 one panel off, 0.8 at the true pose."""
