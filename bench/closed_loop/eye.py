@@ -7,7 +7,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.generate import Motion, check_first_view, mounted_path, with_effects
+from uavbench.scenes.camera_path import Motion, mounted_path
+from uavbench.scenes.filming.film import check_first_view, with_effects
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, SceneRenderer, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene
 from uavbench.scenes.spec import SequenceSpec

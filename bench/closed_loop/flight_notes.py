@@ -15,7 +15,7 @@ from uavbench.bench.closed_loop.tracking import TimedFault
 from uavbench.reports.closed_loop.flown import Flown, FlownPath, plan_stamps, planned_bodies
 from uavbench.reports.closed_loop.flown_mounts import MOUNT_COLUMNS, FlownMounts
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.generate import missed_target
+from uavbench.scenes.shots.targets import missed_target
 from uavbench.scenes.spec import MAIN, SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.fusion.events import Verdict

@@ -4,8 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uavbench.scenes.generate import aim_of, cameras_of, check_confines, lens_of, missed_targets
 from uavbench.scenes.renderables import Confines
+from uavbench.scenes.shots.cameras import cameras_of, lens_of
+from uavbench.scenes.shots.confines import check_confines
+from uavbench.scenes.shots.targets import aim_of, missed_targets
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array

@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 
 from uavbench.reports.figures.tracker_pictures import write_text_on
-from uavbench.scenes.generate import lens_of, mounted_path
+from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.rendering.camera_simulator import ideal_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.shots.cameras import lens_of
 from uavbench.scenes.spec import MAIN, BodyCamera, SequenceSpec
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.simulation.flight import Flight, fly

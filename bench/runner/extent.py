@@ -197,7 +197,7 @@ def _rehearsed(found: Extent, work: Render | Fly) -> Extent:
     assert isinstance(spec, SequenceSpec)
     try:
         if isinstance(work, Render):
-            from uavbench.scenes.generate import rehearse
+            from uavbench.scenes.shots.shots import rehearse
 
             return replace(found, unreached=tuple(rehearse(spec)))
         confines, obstacles = confines_of(spec), obstacles_of(spec)

@@ -24,11 +24,12 @@ import pytest
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.speed.rounds import absent, figure
-from uavbench.scenes import generate as g
+from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
-from uavbench.scenes.frames import Filming, write_annotations, write_image
+from uavbench.scenes.filming.film import with_effects
+from uavbench.scenes.filming.frames import Filming, write_annotations, write_image
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.context import functions, is_llvmpipe
 from uavbench.scenes.rendering.gpu import Program, Target
@@ -83,8 +84,8 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
     numbers = count()
     (folder / "frames").mkdir(parents=True)
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        ideal = ideal_camera(renderer, camera, pinhole, lens, g.mounted_path(flight, mount))
-        source = g.with_effects(ideal, spec.effects, spec.seed)
+        ideal = ideal_camera(renderer, camera, pinhole, lens, mounted_path(flight, mount))
+        source = with_effects(ideal, spec.effects, spec.seed)
         surfaces = SurfaceFiles.asked(folder, spec.annotations, renderer, source)
         filming = Filming(source=source, mount=mount, structure=scene.built.structure, surfaces=surfaces)
 

@@ -12,8 +12,9 @@ import pytest
 
 from uavbench.bench.speed.synthetic import CAMERA, Scene, box, box_corners, orbit
 from uavbench.bench.speed.test_speed_scenes import first_of
-from uavbench.scenes import generate
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera_path import camera_path
+from uavbench.scenes.filming.film import with_effects
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
@@ -88,8 +89,8 @@ def film(suite: str) -> Film:
     pinhole, lens = render_camera(camera, 0)
     stamps_ns = sample_stamps(flight, spec.rate_hz)[:FILMED].tolist()
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        path = generate.camera_path(flight, spec.mount.at_rest.cam_from_body)
-        source = generate.with_effects(ideal_camera(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
+        path = camera_path(flight, spec.mount.at_rest.cam_from_body)
+        source = with_effects(ideal_camera(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
         lights = [source.image(stamp_ns) for stamp_ns in stamps_ns]
     images = [grey(encode(light)) for light in lights if light is not None]
     return Film(scene.built.structure, camera, path(stamps_ns[0]), stamps_ns, images)

@@ -9,8 +9,10 @@ import pytest
 from uavbench.bench.config.suite import suite_of
 from uavbench.bench.disk_space.image_bytes import image_bytes
 from uavbench.bench.disk_space.sequence_bytes import MEASURED, sequence_bytes
+from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.generate import generate, mounted_path, with_effects
+from uavbench.scenes.filming.film import with_effects
+from uavbench.scenes.generate import generate
 from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode

@@ -18,9 +18,10 @@ from uavbench.reports.closed_loop.measures import cameras_flown, cameras_planned
 from uavbench.scenes.dataset.body import body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
-from uavbench.scenes.generate import generate, rehearse
+from uavbench.scenes.generate import generate
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene, obstacles_of
+from uavbench.scenes.shots.shots import rehearse
 from uavbench.scenes.spec import CameraSpec
 from uavbench.scenes.world.indoor import Indoor
 from uavbench.tracker.protocol import TrackResult

@@ -8,8 +8,8 @@ import pytest
 
 from uavbench.scenes.clutter.people import People
 from uavbench.scenes.clutter.trees import Trees
-from uavbench.scenes.generate import rehearse
 from uavbench.scenes.scene import build_scene, confines_of
+from uavbench.scenes.shots.shots import rehearse
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structures.box import Box

@@ -9,11 +9,12 @@ from scipy.special import erf
 
 from tests.scenes.test_generate import SPEC
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.crlb import FrameBounds, bound, directions, finer, information, jacobian, light_variance
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization
-from uavbench.scenes.generate import camera_path, generate
+from uavbench.scenes.generate import generate
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, light_of, through_lens
 from uavbench.scenes.rendering.radiance import Radiance, decode, encode
 from uavbench.scenes.scene import build_scene

@@ -10,7 +10,7 @@ from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
 from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
 from uavbench.scenes.effects.registry import EFFECTS
-from uavbench.scenes.generate import with_effects
+from uavbench.scenes.filming.film import with_effects
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, light_of, render_camera
 from uavbench.scenes.rendering.radiance import CODES, LIGHT, RENDERED, Radiance, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from uavbench.scenes.camera_path import camera_path, mounted_path
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.effects.exposure import MotionBlur
 from uavbench.scenes.effects.image_sensor import Noise
-from uavbench.scenes.generate import camera_path, generate, mounted_path
+from uavbench.scenes.generate import generate
 from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor
@@ -136,7 +137,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, monkeypatch: pyt
     def full(path: Path, image: object) -> None:
         Path("/dev/full").write_bytes(b"x")
 
-    monkeypatch.setattr("uavbench.scenes.frames.write_image", full)
+    monkeypatch.setattr("uavbench.scenes.filming.frames.write_image", full)
     with pytest.raises(UserError, match=r"full: cannot be written: No space left on device"):
         generate(SPEC, tmp_path / "full", content_hash="abc")
     assert list(tmp_path.iterdir()) == []

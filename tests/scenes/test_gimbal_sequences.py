@@ -26,7 +26,8 @@ from uavbench.scenes.dataset.body import body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.exports.registry import EXPORTS, export
-from uavbench.scenes.generate import generate, rehearse
+from uavbench.scenes.generate import generate
+from uavbench.scenes.shots.shots import rehearse
 from uavbench.scenes.spec import BodyCamera, CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor

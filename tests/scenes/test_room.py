@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from uavbench.scenes.generate import cameras_of, check_room
 from uavbench.scenes.renderables import Room
+from uavbench.scenes.shots.cameras import cameras_of
+from uavbench.scenes.shots.confines import check_room
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor

@@ -9,7 +9,6 @@ import pytest
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.clutter.placing import ring_places
-from uavbench.scenes.generate import cameras_of, check_site
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.meshes import joined
@@ -18,6 +17,8 @@ from uavbench.scenes.rendering.gpu import covering_levels
 from uavbench.scenes.rendering.light_baking import bake
 from uavbench.scenes.rendering.radiance import RENDERED
 from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.shots.cameras import cameras_of
+from uavbench.scenes.shots.confines import check_site
 from uavbench.scenes.site import plants, water
 from uavbench.scenes.site.roads import DASH_M, GAP_M, LINE_M, Carriageway
 from uavbench.scenes.site.site import Site

@@ -8,7 +8,6 @@ import pytest
 
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.generate import cameras_of, check_site
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import block, cover_all, structure_of
@@ -16,6 +15,8 @@ from uavbench.scenes.renderables import BuiltSite, BuiltStructure, CloudShadow, 
 from uavbench.scenes.rendering.radiance import RENDERED
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.rendering.shaders import WET_GAIN, WET_INNER, diffuse_reflectance
+from uavbench.scenes.shots.cameras import cameras_of
+from uavbench.scenes.shots.confines import check_site
 from uavbench.scenes.site.clouds import cloud_shadow
 from uavbench.scenes.site.film import STANDING, film
 from uavbench.scenes.site.neighbours import STOREY_M, STOREYS, Neighbours, neighbours
