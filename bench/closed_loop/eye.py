@@ -51,7 +51,7 @@ class DrawnScene(Protocol):
 
 def mount_along(spec: SequenceSpec, scene: Scene, way: Motion) -> Callable[[int], Pose]:
     """True `cam_from_body` at a time (ns) of a motion; a gimbal may point at the middle of the structure."""
-    return spec.mount.along(way, scene.built.structure.bounds.mean(axis=0))
+    return spec.mount.along(way, scene.obstacles.centre)
 
 
 @contextmanager

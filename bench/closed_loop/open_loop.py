@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.scenes.renderables import Confines
 from uavbench.scenes.shots.cameras import cameras_of, lens_of
 from uavbench.scenes.shots.confines import check_confines
-from uavbench.scenes.shots.targets import aim_of, missed_targets
+from uavbench.scenes.shots.targets import missed_targets
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
@@ -42,7 +42,7 @@ class OpenLoop:
         flight = replace(spec.flight, on_crash="error")
         flown = fly_through(simulation, flight, spec.mount.at_rest, obstacles)
         check_confines(spec, flown, confines)
-        mount = spec.mount.along(flown, aim_of(obstacles))
+        mount = spec.mount.along(flown, obstacles.centre)
         flown_ns = int(flown.stamps_ns[-1])
         check_rate(rate_hz, flown_ns, "frame", "rates_hz")
         stamps_ns = stamps_between(0, flown_ns, rate_hz)

@@ -8,8 +8,8 @@ from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.rendering.camera_simulator import ideal_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
-from uavbench.scenes.shots.cameras import lens_of
-from uavbench.scenes.spec import MAIN, BodyCamera, SequenceSpec
+from uavbench.scenes.shots.cameras import cameras_of, lens_of
+from uavbench.scenes.spec import BodyCamera, SequenceSpec
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.simulation.flight import Flight, fly
 
@@ -28,7 +28,7 @@ def cameras_picture(spec: SequenceSpec) -> Image:
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     time_ns = int(flight.stamps_ns[len(flight) // 2])
-    cameras = [BodyCamera(name=MAIN, mount=spec.mount, camera=spec.camera), *spec.cameras]
+    cameras = cameras_of(spec)
     tiles = [_seen(spec, scene, each, flight, time_ns) for each in cameras]
     if len(cameras) > 1:
         for tile, each in zip(tiles, cameras, strict=True):
@@ -42,7 +42,7 @@ def cameras_picture(spec: SequenceSpec) -> Image:
 
 def _seen(spec: SequenceSpec, scene: Scene, on_body: BodyCamera, flight: Flight, time_ns: int) -> Image:
     """What a camera sees at a time, without the effects of shutter, sensor and link."""
-    mount = on_body.mount.along(flight, scene.built.structure.bounds.mean(axis=0))
+    mount = on_body.mount.along(flight, scene.obstacles.centre)
     pinhole, lens = lens_of(spec, on_body)
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
         path, blur_px = mounted_path(flight, mount), on_body.camera.lens_blur_px

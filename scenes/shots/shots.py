@@ -8,7 +8,7 @@ from uavbench.scenes.rendering.camera_simulator import RenderCamera
 from uavbench.scenes.scene import confines_of, obstacles_of
 from uavbench.scenes.shots.cameras import cameras_of, exposures_of, lens_of
 from uavbench.scenes.shots.confines import check_confines, check_further_camera
-from uavbench.scenes.shots.targets import aim_of, missed_targets
+from uavbench.scenes.shots.targets import missed_targets
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.obstacles import ObstacleMesh
@@ -38,7 +38,7 @@ def shots_of(spec: SequenceSpec, obstacles: ObstacleMesh, flight: Flight, confin
     lenses = [lens_of(spec, camera) for camera in cameras]
     for camera in cameras[1:]:
         check_further_camera(spec, camera, obstacles, flight)
-    mounts = [camera.mount.along(flight, aim_of(obstacles)) for camera in cameras]
+    mounts = [camera.mount.along(flight, obstacles.centre) for camera in cameras]
     return Shots(exposures, lenses, mounts, missed_targets(spec, mounts, [each.times_ns for each in exposures]))
 
 

@@ -1,4 +1,4 @@
-"""What gimbals look at, and what keeps them from it."""
+"""What keeps gimbals from what they look at."""
 
 from collections.abc import Callable
 from collections.abc import Sequence as Sequenced
@@ -11,14 +11,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.motion import GimbalMotion
-from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.pose import Array, Pose
-
-
-def aim_of(obstacles: ObstacleMesh) -> Array:
-    """What gimbals look at (3,) unless they are told: the middle of the structure's bounds, m."""
-    corners = [obstacles.vertices.min(axis=0), obstacles.vertices.max(axis=0)]
-    return np.asarray(np.mean(corners, axis=0))
+from uavbench.trajectories.pose import Pose
 
 
 def missed_targets(

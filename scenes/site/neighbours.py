@@ -11,7 +11,7 @@ from uavbench.scenes.primitives.solids import cover_all
 from uavbench.scenes.renderables import Part, Roadway
 from uavbench.scenes.site.terrain import Terrain
 from uavbench.scenes.structures.building import Building
-from uavbench.scenes.structures.facade import window_and_door_looks
+from uavbench.scenes.structures.facade import Finish, window_and_door_looks
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
@@ -77,7 +77,8 @@ def neighbours(
         )
     chosen = np.sort(rng.permutation(len(plots))[:count]).tolist()
     surfaces, stone, looks = _surfaces(rng), materials.concrete(rng, boards=False), window_and_door_looks(rng)
-    blocks = [_block(plots[k], surfaces[int(rng.integers(len(surfaces)))], stone, looks, rng) for k in chosen]
+    finishes = [Finish(surface, stone, looks) for surface in surfaces]
+    blocks = [_block(plots[k], finishes[int(rng.integers(len(finishes)))], rng) for k in chosen]
     corners = [np.concatenate([part.vertices for part in block]) for block in blocks]
     boxes = np.array([[at.min(axis=0), at.max(axis=0)] for at in corners]).reshape(-1, 2, 3)
     return Neighbours(tuple(part for block in blocks for part in block), boxes, terrain.bounds)
@@ -118,9 +119,7 @@ def _surfaces(rng: np.random.Generator) -> list[Material]:
     ]
 
 
-def _block(
-    plot: Array, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator
-) -> list[Part]:
+def _block(plot: Array, finish: Finish, rng: np.random.Generator) -> list[Part]:
     """A block on a footprint; its walls have a tone of their own."""
     long, deep = (float(side) for side in plot[1] - plot[0])
     storeys = int(rng.integers(STOREYS[0], STOREYS[1] + 1))
@@ -128,7 +127,7 @@ def _block(
     shape = Building(long, deep, height, max(1, round(long / BAY_M)), storeys)
     tone = 1 + SKEW * float(np.clip(rng.standard_normal(), -2, 2))
     middle = np.array([*plot.mean(axis=0), 0.0])
-    solids, panels = shape.raised(surface, stone, looks, rng)
+    solids, panels = shape.raised(finish, rng)
     out = []
     shown = [solid for solid in solids if solid.name != "pipe"]
     for part in (*cover_all(shown, longest_m=FACET_M), *panels):

@@ -1,17 +1,27 @@
 """A small building: four facades with windows, a door, a flat roof with a parapet and a plant room."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Gt, Interval
 
-from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import Solid, block, cells, cover_all, structure_of
 from uavbench.scenes.renderables import BuiltStructure, Part
 from uavbench.scenes.structures import facade
-from uavbench.scenes.structures.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side, filled, inside, lines
+from uavbench.scenes.structures.facade import (
+    COPING_M,
+    OVERHANG_M,
+    REVEAL_M,
+    Finish,
+    Opening,
+    Side,
+    Surface,
+    filled,
+    inside,
+    lines,
+)
 
 PARAPET_M = (0.35, 0.9)
 """Thickness and height of the parapet, metres."""
@@ -33,29 +43,23 @@ class Building:
     height_m: Annotated[float, Gt(2), Interval(le=100)] = 8.0
     bays: Annotated[int, Interval(ge=1, le=40)] = 4
     storeys: Annotated[int, Interval(ge=1, le=12)] = 2
-    surface: Literal["brick", "panels", "plaster", "concrete"] = "plaster"
+    surface: Surface = "plaster"
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The building, centred on the origin."""
-        surface = materials.PAINTS[self.surface](rng)
-        stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
-        looks = facade.window_and_door_looks(rng)
-        return self._of(surface, stone, looks, rng)
+        return self._of(Finish.painted(self.surface, rng), rng)
 
     def unpainted(self) -> BuiltStructure:
         """The structure in one plain material: its geometry without the time of painting."""
-        plain = materials.UNPAINTED
-        return self._of(plain, plain, [plain, plain], np.random.default_rng(0))  # which draws the look of windows only
+        return self._of(Finish.unpainted(), np.random.default_rng(0))  # which draws the look of windows only
 
-    def _of(
-        self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator
-    ) -> BuiltStructure:
-        solids, panels = self.raised(surface, stone, looks, rng)
+    def _of(self, finish: Finish, rng: np.random.Generator) -> BuiltStructure:
+        solids, panels = self.raised(finish, rng)
         doors = facade.doors(self._front_openings(), self._sides()[0])
         return BuiltStructure(structure_of(solids), (*cover_all(solids), *panels), doors=doors)
 
-    def raised(self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator) -> Raised:
-        """The building in given materials; looks are those of windows, the last one that of the door."""
+    def raised(self, finish: Finish, rng: np.random.Generator) -> Raised:
+        """The building in given materials; rng draws the look of each window."""
         z = self.height_m
         side_bays = max(1, round(self.bays * self.width_m / self.length_m))
         front = self._front_openings()
@@ -63,14 +67,14 @@ class Building:
         side = facade.openings(self.width_m, z, side_bays, self.storeys, door_bay=None)
         plant = 0.16 * self.length_m
         solids = [
-            self._body(front, back, side, surface),
-            block((-plant, -0.5 * plant, z), (0.2 * plant, 0.7 * plant, z + 2.2), stone, "plant room"),
+            self._body(front, back, side, finish.surface),
+            block((-plant, -0.5 * plant, z), (0.2 * plant, 0.7 * plant, z + 2.2), finish.stone, "plant room"),
         ]
         painted = list[Part]()
         for face, holes, beyond in zip(self._sides(), (front, side, back, side), (OVERHANG_M, 0.0) * 2, strict=True):
-            solids += facade.trim(holes, face, beyond, stone)
-            solids += [self._coping(face, beyond, stone), facade.downpipe(face, 0.25)]
-            painted += filled(holes, face, looks, rng)
+            solids += facade.trim(holes, face, beyond, finish.stone)
+            solids += [self._coping(face, beyond, finish.stone), facade.downpipe(face, 0.25)]
+            painted += filled(holes, face, finish.looks, rng)
         return Raised(solids, painted)
 
     def _front_openings(self) -> tuple[Opening, ...]:

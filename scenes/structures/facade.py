@@ -1,6 +1,7 @@
 """Details of a facade: openings, sills, plinth, coping and pipe."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ SILL_M, PLINTH_M, COPING_M = 0.08, 0.45, 0.1
 """Heights of a sill, the plinth and the coping, metres."""
 OVERHANG_M = 0.06
 PIPE_M = 0.05
+STONE = (186.0, 182.0, 172.0)
+"""Mean colour (BGR) of the stone of sills, plinths and copings."""
+Surface = Literal["brick", "panels", "plaster", "concrete"]
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,27 @@ def filled(holes: tuple[Opening, ...], side: Side, looks: list[Material], rng: n
         look = looks[-1] if o.door else looks[int(rng.integers(len(looks) - 1))]
         parts.append(picture(corner, (o.x1 - o.x0) * side.along, np.array([0.0, 0.0, o.z1 - o.z0]), look))
     return parts
+
+
+@dataclass(frozen=True, eq=False)
+class Finish:
+    """Materials of a facade: its surface, the stone of its trim, looks of windows and, as the last, of doors."""
+
+    surface: Material
+    stone: Material
+    looks: list[Material]
+
+    @classmethod
+    def painted(cls, surface: Surface, rng: np.random.Generator) -> "Finish":
+        """A surface with trim of pale stone."""
+        paint = materials.PAINTS[surface](rng)
+        stone = materials.concrete(rng, STONE, boards=False)
+        return cls(paint, stone, window_and_door_looks(rng))
+
+    @classmethod
+    def unpainted(cls) -> "Finish":
+        """One plain material: for geometry without the time of painting."""
+        return cls(materials.UNPAINTED, materials.UNPAINTED, [materials.UNPAINTED] * 2)
 
 
 def window_and_door_looks(rng: np.random.Generator) -> list[Material]:

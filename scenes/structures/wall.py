@@ -1,17 +1,27 @@
 """A facade: recessed windows and door, sills, coping; in brick, panels, plaster or concrete."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, Interval
 
-from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import Solid, cells, cover_all, structure_of
 from uavbench.scenes.renderables import BuiltStructure
 from uavbench.scenes.structures import facade
-from uavbench.scenes.structures.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side, filled, inside, lines
+from uavbench.scenes.structures.facade import (
+    COPING_M,
+    OVERHANG_M,
+    REVEAL_M,
+    Finish,
+    Opening,
+    Side,
+    Surface,
+    filled,
+    inside,
+    lines,
+)
 
 
 @dataclass(frozen=True)
@@ -23,26 +33,22 @@ class Wall:
     thickness_m: Annotated[float, Gt(0.25), Interval(le=3)] = 0.45
     bays: Annotated[int, Interval(ge=1, le=40)] = 4
     storeys: Annotated[int, Interval(ge=1, le=12)] = 2
-    surface: Literal["brick", "panels", "plaster", "concrete"] = "brick"
+    surface: Surface = "brick"
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The facade, centred on the origin."""
-        surface = materials.PAINTS[self.surface](rng)
-        stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
-        return self._of(surface, stone, facade.window_and_door_looks(rng), rng)
+        return self._of(Finish.painted(self.surface, rng), rng)
 
     def unpainted(self) -> BuiltStructure:
         """The structure in one plain material: its geometry without the time of painting."""
-        plain = materials.UNPAINTED
-        return self._of(plain, plain, [plain, plain], np.random.default_rng(0))  # which draws the look of windows only
+        return self._of(Finish.unpainted(), np.random.default_rng(0))  # which draws the look of windows only
 
-    def _of(
-        self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator
-    ) -> BuiltStructure:
+    def _of(self, finish: Finish, rng: np.random.Generator) -> BuiltStructure:
         holes = facade.openings(self.width_m, self.height_m, self.bays, self.storeys, door_bay=self.bays // 2)
-        solids = [self._slab(holes, surface), *facade.trim(holes, self._front, 0.0, stone), self._coping(stone)]
+        solids = [self._slab(holes, finish.surface), *facade.trim(holes, self._front, 0.0, finish.stone)]
+        solids.append(self._coping(finish.stone))
         solids.append(facade.downpipe(self._front, 0.3))
-        parts = (*cover_all(solids), *filled(holes, self._front, looks, rng))
+        parts = (*cover_all(solids), *filled(holes, self._front, finish.looks, rng))
         return BuiltStructure(structure_of(solids), parts, doors=facade.doors(holes, self._front))
 
     @property
