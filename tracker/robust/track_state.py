@@ -8,11 +8,12 @@ from typing import NamedTuple
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
+from uavbench.tracker.robust.near_poses import log10_poses_as_near
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 
 SURE = -3.0
-"""Logarithm of the number of false alarms of edges of which half are found that a track goes on with."""
+"""Decimal logarithm of the number of false alarms among the poses near a prediction below which a track goes on."""
 
 
 class Hypothesis(NamedTuple):
@@ -75,12 +76,18 @@ class TrackState:
         poses = SEARCHED_POSES if searched else HYPOTHESES
         after_a_loss = searched and not self.is_first
         log10_nfa = fit.log10_false_alarms_of_lines(poses) if after_a_loss else fit.log10_false_alarms(poses)
-        if not fit.finite or log10_nfa >= 0.0:
+        if not fit.finite or log10_nfa >= 0.0 or not (searched or self.is_first or self.is_sure(fit, predicted)):
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
         by_chance = fit.chance.edges + math.log10(poses)
         beyond_doubt = after_a_loss and by_chance < self.config.loss.log10_false_alarms
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
+
+    def is_sure(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether chance would not find as much at one of the poses that are as near to the prediction."""
+        if fit.log10_false_alarms(SEARCHED_POSES) < SURE:
+            return True
+        return fit.chance.whole + log10_poses_as_near(fit, predicted) < SURE
 
     def may_begin_at(self, fit: Fit) -> bool:
         """Whether a fit that a search found would do as a first one, of which nothing is known."""

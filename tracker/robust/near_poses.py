@@ -1,0 +1,27 @@
+"""Poses as near to a prediction as a fit: those among which a track finds it, and chance may find something else.
+
+They fill the ellipsoid of the prediction's covariance through the fit. After a long frame interval that is as many as a
+search tries; right at a prediction it is the fit's alone.
+"""
+
+import math
+
+import numpy as np
+
+from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.motion_model import Motion
+
+
+def log10_poses_as_near(fit: Fit, predicted: Motion) -> float:
+    """Decimal logarithm of the number of poses as near to a prediction as a fit that look different, at least 0.
+
+    Two poses look different where the control points are apart by the width within which an edge is found, in the root
+    mean square; 0 without control points.
+    """
+    if fit.searched is None or fit.evidence is None or not len(fit.searched.problem.lines.jacobian):
+        return 0.0
+    seen = fit.searched.problem.lines.jacobian / fit.evidence.width_px
+    root = np.linalg.cholesky(predicted.covariance)
+    along = np.linalg.eigvalsh(root.T @ (seen.T @ seen / len(seen)) @ root)
+    squares = along * predicted.squared_mahalanobis(fit.cam_from_world)
+    return 0.5 * sum(math.log10(square) for square in squares.tolist() if square > 1.0)
