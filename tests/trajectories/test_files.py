@@ -369,6 +369,87 @@ def test_only_what_a_dead_process_left_is_removed(tmp_path):
     assert snapshot(tmp_path) == before
 
 
+def kill(process):
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+@pytest.mark.parametrize("write", ["a folder", "a file", "parts"])
+def test_the_next_that_is_written_there_removes_what_a_dead_process_left_and_nothing_else(tmp_path, write, monkeypatch):
+    monkeypatch.setattr(temporary_names, "_cleaned", set())
+    (tmp_path / f".a-uavbench-{'0' * 32}.toml").write_bytes(PRECIOUS)
+    killed = begin(tmp_path)
+    kill(killed)
+    alive = begin(tmp_path)
+    of_it = [name for name in snapshot(tmp_path) if "uavbench" in name]
+    assert len(of_it) > 6
+    if write == "a folder":
+        make(tmp_path / "other", "frames.csv")
+    elif write == "a file":
+        write_text(tmp_path / "other.toml", "x")
+    else:
+        with new_parts(tmp_path, REPORT) as new:
+            (new / "report.json").write_text("{}")
+    left = {name.split("/")[0] for name in snapshot(tmp_path) if "uavbench" in name}
+    assert len([name for name in left if name.endswith(".owner")]) == 2, "those of the process that lives"
+    assert (tmp_path / f".a-uavbench-{'0' * 32}.toml").read_bytes() == PRECIOUS
+    kill(alive)
+
+
+REPLACING = """
+import os, signal, sys
+from pathlib import Path
+from uavbench.trajectories.files import writing
+from uavbench.trajectories.files.listed import Marker
+before = getattr(writing, sys.argv[2])
+def die(*given):
+    if sys.argv[3] == "after":
+        before(*given)
+    os.kill(os.getpid(), getattr(signal, sys.argv[4]))
+    if sys.argv[3] == "before":
+        before(*given)
+setattr(writing, sys.argv[2], die)
+with writing.new_folder(Path(sys.argv[1]), Marker("record.json", "estimates")) as new:
+    (new / "frames.csv").write_text("new")
+"""
+
+
+@pytest.mark.parametrize("sign", ["SIGKILL", "SIGINT"])
+@pytest.mark.parametrize("at", [("_set_aside", "after"), ("rename_new", "before"), ("rename_new", "after")])
+def test_a_folder_that_is_replaced_is_never_lost_whenever_the_process_ends(tmp_path, at, sign, monkeypatch):
+    folder = tmp_path / ("results of " + "a flight, " * 5)  # longer than what its temporary name repeats of it
+    make(folder, "frames.csv")
+    old = (folder / "frames.csv").read_text()
+    told = subprocess.run([sys.executable, "-c", REPLACING, str(folder), *at, sign], capture_output=True, text=True)
+    assert told.returncode != 0
+    monkeypatch.setattr(temporary_names, "_cleaned", set())  # as of a new process
+    write_text(tmp_path / "next.toml", "x")
+    held = ("", "/frames.csv", "/record.json")
+    assert set(snapshot(tmp_path)) == {"next.toml", *(f"{folder.name}{name}" for name in held)}
+    assert (folder / "frames.csv").read_text() == ("new" if at == ("rename_new", "after") else old)
+
+
+def test_what_was_set_aside_does_not_take_the_place_of_what_stands_there_now(tmp_path):
+    token = "3" * 32
+    for name in (".replaced", ""):
+        (tmp_path / f".a-uavbench-{token}{name}").mkdir()
+    (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench anothermachine 12 345 {token} a")
+    (tmp_path / "a").write_bytes(PRECIOUS)
+    remove_leftovers(tmp_path, alone=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_bytes() == PRECIOUS
+
+
+@pytest.mark.parametrize("name", ["../a", "..", "b/c", ""])
+def test_an_owner_that_names_no_file_of_its_folder_moves_nothing(tmp_path, name):
+    token = "3" * 32
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / f".a-uavbench-{token}.replaced").write_text("x")
+    (tmp_path / "in" / f".a-uavbench-{token}.owner").symlink_to(f"uavbench anothermachine 12 345 {token} {name}")
+    remove_leftovers(tmp_path / "in", alone=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
 def test_what_a_process_of_another_machine_left_goes_only_when_nobody_else_is_at_work(tmp_path):
     token = "2" * 32
     (tmp_path / f".a-uavbench-{token}").mkdir()

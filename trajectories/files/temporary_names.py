@@ -1,8 +1,9 @@
 """Temporary names with an owner, and the removal of leftovers of killed processes.
 
 `.NAME-uavbench-TOKEN.owner` is created before `.NAME-uavbench-TOKEN`: a dangling symbolic link whose target names the
-token and the process. Links are created atomically, so every name with a token belongs to the process in its link; the
-link is removed last. Only names with the token of a dead process are ever removed.
+token, the process and the whole NAME. Links are created atomically, so every name with a token belongs to the process
+in its link; the link is removed last. Only names with the token of a dead process are ever removed. What a dead process
+had set aside to replace it, and did not replace, is put back.
 """
 
 import contextlib
@@ -20,14 +21,19 @@ from functools import cache
 from pathlib import Path
 
 from uavbench.trajectories.errors import DISK_ERRORS
+from uavbench.trajectories.files.placing import rename_new
 
 OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
 TEMPORARY = re.compile(r"\..*-uavbench-[0-9a-f]{32}(\..*)?", re.DOTALL)
 LONGEST = 40
 """Characters of a name that its temporary name repeats, so that the whole stays below 255 bytes."""
 
-LONGEST_OWNER = 200
-"""Maximum length of the target of an owner link, in characters."""
+REPLACED = ".replaced"
+"""Ending of the temporary name of what is replaced."""
+LONGEST_OWNER = 1000
+"""Maximum length of an owner file in bytes, where the file system has no links."""
+_cleaned: set[Path] = set()
+"""Folders whose leftovers this process has removed, which takes a listing of each."""
 
 
 @dataclass(frozen=True)
@@ -40,18 +46,22 @@ class Temporary:
 
 @contextmanager
 def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
-    """Temporary names next to `path`, removed on exit; a disk error in the context names the path itself, or `told`."""
+    """Temporary names next to `path`, removed on exit; a disk error in the context names the path itself, or `told`.
+
+    The first time in a folder, leftovers of dead processes are removed from it.
+    """
+    clean_once(path.parent)
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
     owner = path.with_name(f"{stem}.owner")
-    own = Temporary(path.with_name(stem + path.suffix[: LONGEST // 2]), path.with_name(f"{stem}.replaced"))
-    text = f"uavbench {_machine()} {os.getpid()} {start_ticks(os.getpid())} {token}"
+    own = Temporary(path.with_name(stem + path.suffix[: LONGEST // 2]), path.with_name(stem + REPLACED))
+    text = f"uavbench {_machine()} {os.getpid()} {start_ticks(os.getpid())} {token} {path.name}"
     try:
         owner.symlink_to(text)
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
             raise
-        owner.write_text(text, encoding="ascii")  # file systems without links
+        owner.write_bytes(os.fsencode(text))  # file systems without links
     try:
         yield own
     except OSError as error:
@@ -68,10 +78,21 @@ def is_temporary(name: str) -> bool:
     return TEMPORARY.fullmatch(name) is not None
 
 
+def clean_once(folder: Path) -> None:
+    """Remove the leftovers in a folder, the first time that this process asks for it; a disk error is ignored."""
+    if (absolute := folder.absolute()) in _cleaned:
+        return
+    _cleaned.add(absolute)
+    with contextlib.suppress(OSError):  # a folder that may not be listed; what is to be written tells what is wrong
+        remove_leftovers(folder, alone=False)
+
+
 def remove_leftovers(folder: Path, *, alone: bool) -> None:
     """Remove temporary files of dead processes from a folder, not from its subfolders.
 
-    alone: no other process works there, so that owners on other machines are dead too. Safe to run concurrently.
+    What such a process had renamed in order to replace it goes back to its name, unless that is taken: then the process
+    died after it had put the new one there. alone: no other process works there, so that owners on other machines are
+    dead too. Safe to run concurrently.
     """
     try:
         names = os.listdir(folder)  # noqa: PTH208 - a folder of thousands of names
@@ -79,24 +100,47 @@ def remove_leftovers(folder: Path, *, alone: bool) -> None:
         return
     for name in names:
         found = OWNER.fullmatch(name)
-        if found is None or not _is_dead(folder / name, found[1], alone):
+        owner = None if found is None else Owner.of(folder / name, found[1])
+        if owner is None or not owner.is_dead(alone):
             continue
-        of_it = [other for other in names if other.startswith(name.removesuffix(".owner")) and other != name]
+        stem = name.removesuffix(".owner")
+        if owner.path_name:
+            with contextlib.suppress(OSError):  # its name is taken, or another process was faster
+                rename_new(folder / (stem + REPLACED), folder / owner.path_name)
+        of_it = [other for other in names if other.startswith(stem) and other != name]
         gone = [_remove(folder / other) for other in of_it]
         if all(gone):
             (folder / name).unlink(missing_ok=True)
 
 
-def _is_dead(owner: Path, token: str, alone: bool) -> bool:
-    """Whether this owner link names a process that has ended."""
-    try:
-        text = str(owner.readlink()) if owner.is_symlink() else owner.read_bytes()[:LONGEST_OWNER].decode("ascii")
-        ours, machine, pid, start, named = text.split(" ")
-    except (OSError, ValueError):
-        return False
-    if ours != "uavbench" or named != token or not pid.isdecimal():
-        return False
-    return alone if machine != _machine() else start_ticks(int(pid)) != start
+@dataclass(frozen=True)
+class Owner:
+    """The process that an owner link names: its machine, number and start, and the path whose temporary names it has.
+
+    path_name: name of the path, "" where an earlier version wrote the link.
+    """
+
+    machine: str
+    pid: str
+    start: str
+    path_name: str
+
+    @classmethod
+    def of(cls, link: Path, token: str) -> "Owner | None":
+        """The owner of this token; None where the link does not name it."""
+        try:
+            text = os.fsdecode(link.readlink()) if link.is_symlink() else os.fsdecode(link.read_bytes()[:LONGEST_OWNER])
+            ours, machine, pid, start, named, *rest = text.split(" ", 5)
+        except (OSError, ValueError):
+            return None
+        path_name = "".join(rest)
+        if ours != "uavbench" or named != token or not pid.isdecimal() or "/" in path_name or path_name in (".", ".."):
+            return None
+        return cls(machine, pid, start, path_name)
+
+    def is_dead(self, alone: bool) -> bool:
+        """Whether the process has ended; alone: those of other machines have."""
+        return alone if self.machine != _machine() else start_ticks(int(self.pid)) != self.start
 
 
 def start_ticks(pid: int) -> str:

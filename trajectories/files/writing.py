@@ -24,7 +24,7 @@ from uavbench.trajectories.files.origin import (
 )
 from uavbench.trajectories.files.placing import give_back, put_file, rename_new, take_away
 from uavbench.trajectories.files.seals import seal
-from uavbench.trajectories.files.temporary_names import temporary
+from uavbench.trajectories.files.temporary_names import clean_once, temporary
 
 P = ParamSpec("P")
 _written: ContextVar[set[Path] | None] = ContextVar("written", default=None)
@@ -69,6 +69,7 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
     folder that is checked as a whole.
     """
     refuse_within_whole(path)
+    clean_once(path.parent)  # first, because it may put back what a killed process had set aside
     refuse_foreign(path, marker)
     path.parent.mkdir(parents=True, exist_ok=True)
     with temporary(path) as own:
@@ -82,11 +83,11 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
         own.made.chmod(0o755)
         for below in {own.made, *((own.made / name).parent for name in names)}:
             _sync(below)
-        _set_aside(path, own.replaced, marker)
         try:
+            _set_aside(path, own.replaced, marker)
             rename_new(own.made, path)
         except BaseException as error:
-            if own.replaced.exists():
+            if own.made.exists() and own.replaced.exists():  # an interrupt may come after the second rename
                 give_back(own.replaced, path)
             if isinstance(error, FileExistsError):
                 raise UserError(f"{path}: was made by something else meanwhile; choose another folder") from None
