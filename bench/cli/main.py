@@ -17,7 +17,7 @@ from uavbench.bench.cli import plugins as cli_plugins
 from uavbench.bench.cli import suite as cli_suite
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import DISK_ERRORS, DiskError, UserError
-from uavbench.trajectories.lost_signals import lost_signals_raised_again
+from uavbench.trajectories.lost_signals import lost_signals_raised_again, raise_until_handled
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -35,7 +35,7 @@ def interrupts() -> Iterator[None]:
         nonlocal last_s
         if time.monotonic() - last_s >= PUT_IN_ORDER_S:
             last_s = time.monotonic()
-            raise KeyboardInterrupt
+            raise_until_handled(KeyboardInterrupt())
 
     before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():

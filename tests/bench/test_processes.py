@@ -160,6 +160,62 @@ def test_a_signal_that_comes_in_a_callback_of_c_ends_the_process(number, main, c
     assert "ignored" not in done.stderr
 
 
+CAUGHT = """
+import os, signal, sys, time
+import click
+from uavbench.bench.cli.main import Group
+
+def caught_by_a_library():
+    for _ in range(2):  # as trimesh catches what is raised while it imports scipy
+        try:
+            os.kill(os.getpid(), signal.{signal})
+            time.sleep(600)
+        except BaseException:
+            pass
+    time.sleep(600)
+
+def cleaning_up():
+    try:
+        os.kill(os.getpid(), signal.{signal})
+        time.sleep(600)
+    finally:
+        try:
+            raise ValueError("while it cleans up")
+        except ValueError:
+            time.sleep(0.3)
+        time.sleep(0.3)
+        print("cleaned up")
+
+def told_otherwise():
+    from uavbench.trajectories.errors import UserError
+    try:
+        os.kill(os.getpid(), signal.{signal})
+        time.sleep(600)
+    except BaseException as error:
+        time.sleep(0.3)
+        raise UserError("told otherwise") from None
+
+Group("g", [click.command(name="c")({what})])(["c"])
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(
+    ("what", "ended"),
+    [
+        ("caught_by_a_library", (130, "", "uavbench: interrupted; the same command goes on from here\n")),
+        ("cleaning_up", (130, "cleaned up\n", "uavbench: interrupted; the same command goes on from here\n")),
+        ("told_otherwise", (2, "", "uavbench: told otherwise\n")),
+    ],
+)
+def test_a_signal_that_a_library_catches_ends_the_command_and_disturbs_no_cleaning_up(number, what, ended):
+    command = [sys.executable, "-c", CAUGHT.format(signal=number, what=what)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=as_from_a_terminal, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr) == ended
+
+
 GUARDING = """
 import os, signal, sys, time
 from uavbench.bench.runner.processes import end_when_told, in_worker
