@@ -136,6 +136,8 @@ def test_the_table_of_a_tracker_is_read_as_its_file_is(folder):
     [
         (np.zeros((3, 7)), r"the estimate: has the shape \(3, 7\); give \(n, 8\)"),
         (np.zeros((0, 8)), "the estimate: has the shape"),
+        (np.ma.masked_equal(np.eye(8), 1.0), "the estimate: has masked values; leave their rows out"),
+        (np.eye(8) * 1j, "the estimate: holds complex numbers"),
         (np.zeros((3, 8)), "the estimate: row 0: quaternion"),
         (np.where(np.arange(8) == 0, np.nan, curve()), "the estimate: row 0: nan is not a time"),
         (curve()[::-1], "the estimate: row 1: stamp is not later than"),

@@ -10,12 +10,20 @@ from numpy.typing import NDArray
 from uavbench.trajectories.pose import Array, Pose, read_only, rotation_from_quaternion
 
 
+class InvalidRowError(ValueError):
+    """A row of a trajectory, counted from 0, that is invalid, and what is wrong with it."""
+
+    def __init__(self, row: int, what: str) -> None:
+        super().__init__(f"row {row}: {what}")
+        self.row, self.what = row, what
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """Stamped poses `world_from_x`; arrays are read-only.
 
     stamps_ns (n,) int64, strictly increasing; positions_m (n, 3); quaternions_wxyz (n, 4), unit.
-    Raises ValueError naming the row (0-based) of the first bad stamp, position or quaternion.
+    Raises InvalidRowError naming the row (0-based) of the first bad stamp, position or quaternion.
 
     >>> import numpy as np
     >>> upright = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
@@ -46,7 +54,7 @@ class Trajectory:
             ("stamp is not later than the previous one", np.concatenate([[False], stamps[1:] <= stamps[:-1]])),
         ):
             if bad.any():
-                raise ValueError(f"row {int(np.argmax(bad))}: {name}")
+                raise InvalidRowError(int(np.argmax(bad)), name)
         object.__setattr__(self, "quaternions_wxyz", q)
 
     @classmethod

@@ -138,7 +138,7 @@ def read_estimates(path: Path, stamps_ns: Sequence[int]) -> Estimates:
         if path.is_symlink() or not path.exists():
             return Estimates(_lost(stamps_ns), [Fault("no-output", path.name, "there is no such file")])
         with opened(path, limit, inside=path.parent) as handle:
-            return _read(path, io.TextIOWrapper(handle, encoding="utf-8"), stamps_ns)
+            return _read(path, io.TextIOWrapper(handle, encoding="utf-8-sig"), stamps_ns)
     except (OSError, UnicodeDecodeError, UserError) as error:
         reason = str(error).removeprefix(f"{path}: ")
         return Estimates(_lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {reason}")])

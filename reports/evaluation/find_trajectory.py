@@ -13,9 +13,10 @@ from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TRAJECTORY
-from uavbench.trajectories.files.reading import read_header, read_text
+from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.files.tables import line_of_row
 from uavbench.trajectories.pose import Array, Pose
-from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory import InvalidRowError, Trajectory
 from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
 from uavbench.trajectories.trajectory_files.formats import (
     declared_frame,
@@ -23,6 +24,7 @@ from uavbench.trajectories.trajectory_files.formats import (
     read_covariant_tum,
     read_trajectory,
 )
+from uavbench.trajectories.trajectory_files.number_lines import Layout, read_lines
 
 POSE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 """Pose columns of uavbench's tables: `world_from_body`, or a tracker's `cam_from_world` in tables with a `status`."""
@@ -158,8 +160,8 @@ def _of_table(path: Path) -> Found:
         values, frame = read_numbers(path, POSE), "world_from_body"
         try:
             return Found(Trajectory(stamps, values[:, :3], values[:, 3:]), path, "uavbench", frame)
-        except ValueError as error:
-            raise UserError(f"{path}: {error}") from None
+        except InvalidRowError as error:
+            raise UserError(f"{path}: line {line_of_row(path, error.row)}: {error.what}") from None
     ok = [row["status"] == "ok" for row in rows]
     if not any(ok):
         raise UserError(f"{path}: holds no pose: no frame has the status ok")
@@ -168,6 +170,9 @@ def _of_table(path: Path) -> Found:
         cameras = np.array([[float(row[name]) for name in POSE] for row in kept])
         trajectory = world_from_cameras(stamps[np.array(ok)], cameras)
         claimed = _claimed(kept) if set(columns) >= set(COLUMNS) else None
+    except InvalidRowError as error:
+        row = int(np.flatnonzero(ok)[error.row])
+        raise UserError(f"{path}: line {line_of_row(path, row)}: {error.what}") from None
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
     return Found(trajectory, path, "uavbench", "world_from_cam", covariances=claimed, asked_ns=stamps)
@@ -214,14 +219,14 @@ def _exported_frame(file: Path) -> str | None:
 
 
 def _kitti_stamps(file: Path, count: int) -> np.ndarray | None:
-    """Stamps in ns of the times.txt beside KITTI poses; None without that file. UserError when it is invalid."""
+    """Stamps in ns of the times.txt beside KITTI poses; None without that file. UserError naming an invalid line."""
     times = file.with_name("times.txt")
     if file.name == "times.txt" or not times.is_file():
         return None
-    try:
-        seconds = [float(word) for word in read_text(times, TRAJECTORY).split()]
-    except ValueError as error:
-        raise UserError(f"{times}: not readable as one time in seconds per line: {error}") from None
-    if len(seconds) != count:
-        raise UserError(f"{times}: has {len(seconds)} times for the {count} poses of {file}")
-    return np.array([round(s * 1e9) for s in seconds], dtype=np.int64)
+    lines = read_lines(times, Layout(1, unit_ns=10**9))
+    if len(lines.stamps_ns) != count:
+        raise UserError(f"{times}: has {len(lines.stamps_ns)} times for the {count} poses of {file}")
+    late = np.flatnonzero(np.diff(lines.stamps_ns) <= 0)
+    if len(late):
+        raise UserError(f"{times}: line {lines.numbers[late[0] + 1]}: its time is not later than the previous one")
+    return lines.stamps_ns

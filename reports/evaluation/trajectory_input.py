@@ -51,6 +51,10 @@ def name_of(given: Given, side: str) -> str:
 
 
 def _of_array(given: Any) -> Trajectory:
+    if np.ma.is_masked(given):
+        raise ValueError("has masked values; leave their rows out")
+    if np.iscomplexobj(given):
+        raise ValueError("holds complex numbers")
     values = np.asarray(given, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 8 or not len(values):
         raise ValueError(f"has the shape {values.shape}; give (n, 8): time_s, x y z in m, qx qy qz qw")

@@ -1,12 +1,9 @@
 """Readers of a sequence's JSON, CSV and record files, with errors that name file and line."""
 
-import csv
 import io
-from array import array
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +11,8 @@ from numpy.typing import NDArray
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
-from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE
+from uavbench.trajectories.files.limits import TABLE
+from uavbench.trajectories.files.tables import integers, numbers, table_rows
 from uavbench.trajectories.pose import Array
 
 FORMAT = 8
@@ -83,84 +81,19 @@ def _wrong(path: Path, key: str, value: Any, expected: str) -> UserError:
 
 
 def read_table(path: Path, columns: list[str]) -> list[dict[str, str]]:
-    """Rows of a CSV file that has at least these columns; UserError naming the file and the row."""
-    with _rows(path, columns) as (names, rows):
+    """Rows of a CSV file that has at least these columns; UserError naming the file and the line."""
+    with table_rows(path, columns, inside=path.parent) as (names, rows):
         return [dict(zip(names, cells, strict=True)) for _, cells in rows]
 
 
 def read_numbers(path: Path, columns: list[str]) -> Array:
     """These columns (n, k) of a CSV file as numbers; UserError naming the file and the line."""
-    return np.array(_converted(path, columns, "d", float), dtype=np.float64).reshape(-1, len(columns))
+    return numbers(path, columns, inside=path.parent)
 
 
 def read_integers(path: Path, columns: list[str]) -> NDArray[np.int64]:
     """These columns (n, k) of a CSV file as integers; UserError naming the file and the line."""
-    return np.array(_converted(path, columns, "q", int), dtype=np.int64).reshape(-1, len(columns))
-
-
-def _converted(path: Path, columns: list[str], kind: str, convert: Callable[[str], Any]) -> "array[Any]":
-    """Values of these columns in row-major order, eight bytes each."""
-    values = array(kind)
-    with _rows(path, columns) as (names, rows):
-        places = [names.index(column) for column in columns]
-        for number, cells in rows:
-            try:
-                values.extend([convert(cells[place]) for place in places])
-            except OverflowError:
-                raise UserError(f"{path}: line {number}: an integer has more than 64 bits") from None
-            except ValueError as error:
-                raise UserError(f"{path}: line {number}: {error}") from None
-    return values
-
-
-class NumberedRow(NamedTuple):
-    """The cells of a row, and its line in the file."""
-
-    line: int
-    cells: list[str]
-
-
-class TableRows(NamedTuple):
-    """Names of the columns of a CSV file, and its rows."""
-
-    names: list[str]
-    rows: Iterator[NumberedRow]
-
-
-@contextmanager
-def _rows(path: Path, columns: list[str]) -> Iterator[TableRows]:
-    """Names of the columns of a CSV file in its folder, and its numbered rows; UserError naming file and line."""
-    with reading.opened(path, TABLE, inside=path.parent) as handle:
-        try:
-            lines = csv.reader(_lines(path, io.TextIOWrapper(handle, encoding="utf-8", newline="")))
-            names = next(lines, [])
-            missing = [column for column in columns if column not in names]
-            if missing:
-                raise UserError(f"{path}: missing columns {', '.join(missing)}")
-            yield TableRows(names, _numbered(path, lines, len(names)))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise UserError(f"{path}: not readable as CSV: {error}") from None
-
-
-def _lines(path: Path, text: io.TextIOWrapper) -> Iterator[str]:
-    """Lines of a file; UserError for one that is too long."""
-    number = 0
-    while line := text.readline(LONGEST_LINE + 1):
-        number += 1
-        if len(line) > LONGEST_LINE:
-            raise UserError(f"{path}: line {number} is longer than {LONGEST_LINE:,} characters; is this a CSV file?")
-        yield line
-
-
-def _numbered(path: Path, lines: Iterator[list[str]], width: int) -> Iterator[NumberedRow]:
-    """Rows that are neither blank nor a comment, numbered; UserError for one of another width, or too many."""
-    rows = (cells for cells in lines if cells and not cells[0].startswith("# "))
-    for number, cells in enumerate(rows, start=2):
-        if len(cells) != width:
-            raise UserError(f"{path}: line {number} has {len(cells)} values, not {width}")
-        if number > MOST_ROWS:
-            raise UserError(f"{path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
-        yield NumberedRow(number, cells)
+    return integers(path, columns, inside=path.parent)
 
 
 def read_records(path: Path) -> NDArray[np.void]:

@@ -13,6 +13,7 @@ from tests.hand_made import hand_made
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.tasks import Render, Track
+from uavbench.reports.evaluation.find_trajectory import find_trajectory
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.registry import export
 from uavbench.tracker.baselines.hold import Hold
@@ -140,6 +141,46 @@ def test_kitti_poses_without_times_are_paired_by_row(made, tmp_path):
 def test_what_holds_no_trajectory_is_told(made, name, told):
     assert told in refused(made / "sequence", made / name)
     assert "Traceback" not in refused(made / name, made / "sequence")
+
+
+def test_times_of_kitti_poses_are_read_to_the_last_digit(made, tmp_path):
+    shutil.copytree(made / "kitti", tmp_path / "kitti")
+    path = tmp_path / "kitti" / "times.txt"
+    times = path.read_text().split()
+    path.write_text("# s\n" + "".join(f"{1403636579 + int(t.split('.')[0])}.{t.split('.')[1]}\n" for t in times))
+    stamps = find_trajectory(tmp_path / "kitti").trajectory.stamps_ns
+    assert (stamps - 1403636579 * 10**9).tolist() == [int(t.replace(".", "")) for t in times]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda t: ["nan", *t[1:]], "line 1: 'nan' is not a time stamp"),
+        (lambda t: ["inf", *t[1:]], "line 1: the time stamp 'inf' does not fit"),
+        (lambda t: [*t[:-1], "1e300"], "the time stamp '1e300' does not fit"),
+        (lambda t: [t[0], t[0], *t[2:]], "line 2: its time is not later than the previous one"),
+        (lambda t: t[::-1], "line 2: its time is not later"),
+        (lambda t: [f"{n} 0" for n in t], "line 1 has 2 values, expected 1"),
+        (lambda t: t[1:], "times for the"),
+        (lambda t: [n.replace(".", "") + "000000000" for n in reversed(t)], "is it in the unit of its format"),
+    ],
+)
+def test_bad_times_of_kitti_poses_are_told_by_their_line(made, tmp_path, change, told):
+    shutil.copytree(made / "kitti", tmp_path / "kitti")
+    path = tmp_path / "kitti" / "times.txt"
+    path.write_text("\n".join(change(path.read_text().split())) + "\n")
+    assert told in refused(made / "sequence", tmp_path / "kitti")
+    assert str(path) in refused(made / "sequence", tmp_path / "kitti")
+
+
+def test_a_bad_row_of_a_table_is_told_by_its_line(made, tmp_path):
+    head, *rows = (made / "sequence" / "groundtruth.csv").read_text().splitlines()
+    path = tmp_path / "groundtruth.csv"
+    path.write_text("\n".join([head, *rows[:3], "", "# twice:", *rows[2:]]) + "\n")
+    assert f"{path}: line 7: stamp is not later than the previous one" in refused(made / "sequence", path)
+    cells = rows[3].split(",")
+    path.write_text("\n".join([head, *rows[:3], "", ",".join([*cells[:2], "nan", *cells[3:]])]) + "\n")
+    assert f"{path}: line 6: position is not finite" in refused(made / "sequence", path)
 
 
 def test_a_damaged_own_file_is_told(made, tmp_path):

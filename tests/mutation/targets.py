@@ -164,6 +164,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     ),
     "reading": (
         _target("trajectories/files/reading.py", "trajectories/test_reading", "trajectories/test_intact"),
+        _target("trajectories/files/tables.py", "trajectories/test_tables"),
         _target("trajectories/processes/reading_apart.py", "trajectories/test_reading_apart"),
         _target("trajectories/trajectory_files/number_lines.py", "trajectories/test_number_lines"),
         _target("bench/external/rows.py", "bench/test_external_rows"),

@@ -232,8 +232,13 @@ def test_waypoints_from_a_file(tmp_path: Path) -> None:
     for text, told in (
         ("x_m,y_m,z_m\n", "missing columns yaw_deg"),
         ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n", "at least two waypoints"),
-        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,x,4\n", "line 3 needs four numbers"),
-        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,inf,4\n", "line 3 has a value that is not finite or beyond"),
+        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n\n1,2,x,4\n", "line 4: z_m = 'x' is not a number"),
+        (
+            "x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,0,2,5,3,0,90,0\n",
+            "line 3 has 8 values, not 4; write numbers with",
+        ),
+        ("x_m;y_m;z_m;yaw_deg\n1;2;3;4\n", "separated by semicolons"),
+        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n\n1,2,inf,4\n", "line 4 has a value that is not finite or beyond"),
     ):
         file.write_text(text)
         with pytest.raises(UserError, match=told):

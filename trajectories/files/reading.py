@@ -1,5 +1,6 @@
 """Guarded reading of untrusted files: regular files, inside their folder, within a size limit."""
 
+import codecs
 import json
 import os
 import re
@@ -17,6 +18,8 @@ DOTTED = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_NESTING}}}(?=[\w"'-])"""
 )
 """A dotted key that is nested deeper than MOST_NESTING."""
+MOST_COMMENTS = 1000
+"""Most lines of comments before the names of columns."""
 HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "number", bool: "boolean"}
 
 
@@ -71,16 +74,31 @@ def read_text(path: Path, limit: FileLimit = SETTINGS, *, inside: Path | None = 
     try:
         text = read_bytes(path, limit, inside=inside, hint=hint).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise UserError(f"{path}: not readable as text: {error.reason} at byte {error.start}") from None
+        raise not_text(path, error) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def not_text(path: Path, error: UnicodeDecodeError, where: str = "") -> UserError:
+    """Error about a file that is not UTF-8; where: such as `line 3: `, by default the place is told in bytes."""
+    if error.object.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return UserError(f"{path}: is text in UTF-16, as some programs on Windows write it; save it as UTF-8")
+    return UserError(
+        f"{path}: {where}not readable as text: {error.reason}" + ("" if where else f" at byte {error.start}")
+    )
+
+
 def read_header(path: Path, limit: FileLimit, *, inside: Path | None = None) -> list[str]:
-    """Names in the first line of a CSV file; UserError as `opened`, or when it is not text."""
+    """Names in the first line of a CSV file that is no comment; UserError as `opened`, or when it is not text."""
     with opened(path, limit, inside=inside) as handle:
         try:
-            return handle.readline(LONGEST_LINE).decode("utf-8-sig").strip().split(",")
-        except (OSError, UnicodeDecodeError) as error:
+            for _ in range(MOST_COMMENTS):
+                line = handle.readline(LONGEST_LINE).decode("utf-8-sig")
+                if not line or (line.strip() and not line.lstrip().startswith("#")):
+                    break
+            return [name.strip() for name in line.split(",")]
+        except UnicodeDecodeError as error:
+            raise not_text(path, error) from None
+        except OSError as error:
             raise UserError(f"{path}: not readable as CSV: {error}") from None
 
 

@@ -1,6 +1,5 @@
 """Paths along a structure: facade raster, girder follow, bridge underside, waypoints."""
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,8 @@ from annotated_types import Ge, Gt
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
-from uavbench.trajectories.files.reading import read_text
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, SETTINGS
+from uavbench.trajectories.files.tables import line_of_row, numbers
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import fly_through, stop_and_go
@@ -228,24 +227,11 @@ class Waypoints:
 
 def read_waypoints(path: Path) -> Array:
     """Table (k, 4) of a waypoint file: x, y, z in metres, yaw in degrees; UserError naming the file and line."""
-    columns = ["x_m", "y_m", "z_m", "yaw_deg"]
-    reader = csv.DictReader(read_text(path).splitlines())
-    missing = [c for c in columns if c not in (reader.fieldnames or [])]
-    if missing:
-        raise UserError(f"{path}: missing columns {', '.join(missing)}")
-    rows = []
-    try:
-        for number, row in enumerate(reader, start=2):
-            try:
-                rows.append([float(row[c]) for c in columns])
-            except (TypeError, ValueError):
-                raise UserError(f"{path}: line {number} needs four numbers: {', '.join(columns)}") from None
-            if not np.abs(rows[-1]).max() <= LARGEST_COORDINATE_M:
-                raise UserError(
-                    f"{path}: line {number} has a value that is not finite or beyond {LARGEST_COORDINATE_M:g}"
-                )
-    except csv.Error as error:
-        raise UserError(f"{path}: cannot read the waypoints: {error}") from None
+    rows: Array = numbers(path, ["x_m", "y_m", "z_m", "yaw_deg"], SETTINGS)
+    bad = ~(np.abs(rows).max(axis=1, initial=0.0) <= LARGEST_COORDINATE_M)
+    if bad.any():
+        line = line_of_row(path, int(np.argmax(bad)))
+        raise UserError(f"{path}: line {line} has a value that is not finite or beyond {LARGEST_COORDINATE_M:g}")
     if len(rows) < 2:
         raise UserError(f"{path}: needs at least two waypoints")
-    return np.array(rows)
+    return rows

@@ -30,6 +30,7 @@ from uavbench.trajectories.trajectory_files.number_lines import (
     comments,
     first_lines,
     read_lines,
+    separator_advice,
 )
 
 KITTI_RATE_HZ = 10.0
@@ -77,7 +78,7 @@ def guess_format(path: Path) -> str:
         return "tum"
     raise UserError(
         f"{path}: line {number} has {len(cells)} values, so it is neither tum (8, or 29 or 44 with a covariance), "
-        "kitti (12) nor euroc (8 or more, integer nanoseconds first)"
+        f"kitti (12) nor euroc (8 or more, integer nanoseconds first){separator_advice(line)}"
     )
 
 

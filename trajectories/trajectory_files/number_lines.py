@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_POSES, TRAJECTORY
-from uavbench.trajectories.files.reading import opened
+from uavbench.trajectories.files.reading import not_text, opened
 from uavbench.trajectories.pose import Array
 
 FIRST_BYTES, BLOCK_BYTES = 1 << 16, 1 << 23
@@ -109,6 +109,11 @@ def cells_of(line: str) -> list[str]:
     return line.replace(",", " ").split()
 
 
+def separator_advice(line: str) -> str:
+    """What to do about a line whose values are separated by semicolons; "" for any other."""
+    return "; separate values by spaces or commas, not by semicolons, and write decimal points" if ";" in line else ""
+
+
 def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
     """Blocks of whole lines, with the number of the first line of each."""
     number, size = 1, FIRST_BYTES
@@ -194,7 +199,9 @@ def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLin
         cells = cells_of(line)
         if not layout.fits(len(cells)):
             wanted = f"at least {layout.values}" if layout.more else layout.values
-            raise UserError(f"{path}: line {line_number} has {len(cells)} values, expected {wanted}")
+            raise UserError(
+                f"{path}: line {line_number} has {len(cells)} values, expected {wanted}{separator_advice(line)}"
+            )
         numbers.append(line_number)
         stamps.append(_stamp(path, line_number, cells[0], layout.unit_ns) if layout.unit_ns else 0)
         try:
@@ -211,7 +218,7 @@ def _filled(path: Path, block: bytes, number: int) -> Iterator[tuple[int, str]]:
         text = block.decode("utf-8")
     except UnicodeDecodeError as error:
         line_number = number + block[: error.start].count(b"\n")
-        raise UserError(f"{path}: line {line_number}: not readable as text: {error.reason}") from None
+        raise not_text(path, error, f"line {line_number}: ") from None
     for line_number, line in enumerate(text.replace("\r", "\n").split("\n"), start=number):
         if len(line) > LONGEST_LINE:
             raise too_long(path, line_number)

@@ -1,0 +1,93 @@
+"""CSV tables as users' programs write them are read, or refused by file, line, column and what to do."""
+
+import numpy as np
+import pytest
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.tables import integers, line_of_row, numbers, table_rows
+
+COLUMNS = ["px_m", "py_m"]
+PLAIN = "stamp_ns,px_m,py_m\n10,1.5,-2\n20,2.5,-3\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        PLAIN,
+        PLAIN.replace("\n", "\r\n"),
+        PLAIN.replace("\n", "\r"),
+        "\ufeff" + PLAIN,
+        PLAIN.replace(",", ", "),
+        PLAIN.replace(",", '","').replace("\n", '"\n"')[:-1].replace("stamp", '"stamp', 1),
+        "# frame: world_from_body\n\n" + PLAIN.replace("\n20", "\n# in between\n\n,,\n20").replace(",,\n", ""),
+        "py_m,stamp_ns,note,px_m\n-2,10,a,1.5\n-3,20,b,2.5\n",
+        PLAIN[:-1],
+    ],
+    ids=["plain", "Windows", "old Mac", "mark", "spaces", "quotes", "comments", "other order", "no last end"],
+)
+def test_dialects_of_one_table_are_read_alike(tmp_path, text):
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.encode())
+    assert numbers(path, COLUMNS).tolist() == [[1.5, -2.0], [2.5, -3.0]]
+    assert integers(path, ["stamp_ns"]).tolist() == [[10], [20]]
+    assert integers(path, ["stamp_ns"]).dtype == np.int64
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (PLAIN.replace(",", ";"), "missing columns px_m, py_m; its columns are separated by semicolons: write commas"),
+        (PLAIN.replace(",", "\t"), "its columns are separated by tabs"),
+        (PLAIN.replace("px_m", "x"), "missing columns px_m$"),
+        ("", "missing columns px_m, py_m$"),
+        (PLAIN.replace("stamp_ns", "px_m"), "has the column px_m 2 times"),
+        (PLAIN.replace("2.5", "2,5"), "line 3 has 4 values, not 3; write numbers with a decimal point"),
+        (PLAIN.replace(",-3", ""), "line 3 has 2 values, not 3$"),
+        (PLAIN.replace("2.5", ""), "line 3: px_m is empty; leave the line out"),
+        (PLAIN.replace("2.5", "2.5 m"), "line 3: px_m = '2.5 m' is not a number"),
+        (PLAIN.replace("-3", "1_5"), "line 3: py_m = '1_5' is not a number"),
+        (PLAIN.replace("-3", "x\x1b" + "y" * 900), r"line 3: py_m = .{20,60} is not a number"),
+        ("# a\n\n" + PLAIN.replace("\n20", "\n\n# b\n20").replace("-3", "?"), "line 7: py_m = '\\?' is not"),
+    ],
+)
+def test_what_is_wrong_is_told_by_line_and_column(tmp_path, text, told):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=told) as error:
+        numbers(path, COLUMNS)
+    assert str(error.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("stamp", "told"),
+    [
+        ("2e1", "line 3: stamp_ns = '2e1' is not a whole number"),
+        ("20.0", "line 3: stamp_ns = '20.0' is not a whole"),
+        ("99999999999999999999", "line 3: an integer has more than 64 bits"),
+    ],
+)
+def test_stamps_are_whole_numbers(tmp_path, stamp, told):
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace("20", stamp))
+    with pytest.raises(UserError, match=told):
+        integers(path, ["stamp_ns"])
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "latin-1"])
+def test_text_of_another_encoding_is_told(tmp_path, encoding):
+    path = tmp_path / "a.csv"
+    mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
+    path.write_bytes(mark + PLAIN.replace("10", "\u00e9").encode(encoding))
+    with pytest.raises(
+        UserError, match="not readable as text" if encoding == "latin-1" else "UTF-16.*save it as UTF-8"
+    ):
+        numbers(path, COLUMNS)
+
+
+def test_the_line_of_a_row_counts_what_is_no_row(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("# a\n" + PLAIN.replace("\n20", "\n\n20"))
+    assert [line_of_row(path, row) for row in (0, 1)] == [3, 5]
+    with table_rows(path, COLUMNS) as (names, rows):
+        assert names == ["stamp_ns", *COLUMNS]
+        assert [row.line for row in rows] == [3, 5]

@@ -1,0 +1,151 @@
+"""CSV tables with named columns, in any order: rows, numbers and integers, with errors that name line and column.
+
+A byte order mark, Windows line ends, spaces about names and values, blank lines and comments (#) are permitted.
+"""
+
+import csv
+import io
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.errors import UserError, one_line
+from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE, FileLimit
+from uavbench.trajectories.files.reading import not_text, opened
+
+SHOWN = 40
+"""Most characters of an invalid value that an error message quotes."""
+OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs"}
+"""Separators of other dialects of CSV, by their names."""
+
+
+class NumberedRow(NamedTuple):
+    """The cells of a row, and its line in the file."""
+
+    line: int
+    cells: list[str]
+
+
+class TableRows(NamedTuple):
+    """Names of the columns of a CSV file, and its rows."""
+
+    names: list[str]
+    rows: Iterator[NumberedRow]
+
+
+@contextmanager
+def table_rows(
+    path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None
+) -> Iterator[TableRows]:
+    """Names of the columns of a CSV file, which must be among them once, and its rows; they are read in the context.
+
+    inside: folder that the file must be in. UserError as `opened`, and naming the line of an invalid row.
+    """
+    with opened(path, limit, inside=inside) as handle:
+        try:
+            lines = csv.reader(_lines(path, io.TextIOWrapper(handle, encoding="utf-8-sig", newline="")))
+            names = [name.strip() for name in next(filter(_is_row, lines), [])]
+            _check_columns(path, columns, names)
+            yield TableRows(names, _numbered(path, lines, len(names)))
+        except UnicodeDecodeError as error:
+            raise not_text(path, error) from None
+        except (OSError, csv.Error) as error:
+            raise UserError(f"{path}: not readable as CSV: {error}") from None
+
+
+def numbers(path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None) -> NDArray[Any]:
+    """These columns (n, k) as float64; UserError as `table_rows`, or naming line and column of what is no number."""
+    values = _converted(path, columns, limit, inside, "d")
+    return np.array(values, dtype=np.float64).reshape(-1, len(columns))
+
+
+def integers(path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None) -> NDArray[Any]:
+    """These columns (n, k) as int64; UserError as `table_rows`, or naming line and column of what is no integer."""
+    values = _converted(path, columns, limit, inside, "q")
+    return np.array(values, dtype=np.int64).reshape(-1, len(columns))
+
+
+def line_of_row(path: Path, row: int) -> int:
+    """Line of a row, counted from 0, of a CSV file that can be read."""
+    with table_rows(path, ()) as (_, rows):
+        return next(islice(rows, row, None)).line
+
+
+KINDS: dict[str, tuple[Callable[[str], Any], str]] = {"d": (float, "a number"), "q": (int, "a whole number")}
+"""How a cell is converted and what it must be, by the type code of its array."""
+
+
+def _converted(path: Path, columns: Sequence[str], limit: FileLimit, inside: Path | None, code: str) -> "array[Any]":
+    """Values of these columns in row-major order, eight bytes each."""
+    values = array(code)
+    convert = KINDS[code][0]
+    with table_rows(path, columns, limit, inside) as (names, rows):
+        places = [names.index(column) for column in columns]
+        for number, cells in rows:
+            used = [cells[place] for place in places]
+            try:
+                values.extend(map(convert, used))
+                if "_" in "".join(used):  # Python reads 1_5 as 15
+                    raise ValueError
+            except OverflowError:
+                raise UserError(f"{path}: line {number}: an integer has more than 64 bits") from None
+            except ValueError:
+                raise _no_number(path, number, list(zip(columns, used, strict=True)), code) from None
+    return values
+
+
+def _no_number(path: Path, line: int, named: list[tuple[str, str]], code: str) -> UserError:
+    """Error about the first of these cells, by the names of their columns, that cannot be converted."""
+    convert, what = KINDS[code]
+    for name, cell in named:
+        with suppress(ValueError):
+            convert(cell.replace("_", "?"))
+            continue
+        if not cell.strip():
+            return UserError(f"{path}: line {line}: {name} is empty; leave the line out, or give {what}")
+        return UserError(f"{path}: line {line}: {name} = {one_line(cell)[:SHOWN]!r} is not {what}")
+    raise AssertionError("one of them cannot be converted")
+
+
+def _check_columns(path: Path, columns: Sequence[str], names: list[str]) -> None:
+    """UserError when columns are missing, or are there more than once."""
+    if missing := [column for column in columns if column not in names]:
+        between = next((how for sign, how in OTHER_SEPARATORS.items() if len(names) == 1 and sign in names[0]), "")
+        advice = f"; its columns are separated by {between}: write commas, and numbers with a point" if between else ""
+        raise UserError(f"{path}: missing columns {', '.join(missing)}{advice}")
+    if twice := [column for column in columns if names.count(column) > 1]:
+        raise UserError(f"{path}: has the column {twice[0]} {names.count(twice[0])} times; keep one of them")
+
+
+def _lines(path: Path, text: io.TextIOWrapper) -> Iterator[str]:
+    """Lines of a file; UserError for one that is too long."""
+    number = 0
+    while line := text.readline(LONGEST_LINE + 1):
+        number += 1
+        if len(line) > LONGEST_LINE:
+            raise UserError(f"{path}: line {number} is longer than {LONGEST_LINE:,} characters; is this a CSV file?")
+        yield line
+
+
+def _is_row(cells: list[str]) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    return any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#")
+
+
+def _numbered(path: Path, lines: Any, width: int) -> Iterator[NumberedRow]:
+    """Rows of a reader, numbered; UserError for one of another width, or too many."""
+    for cells in lines:
+        if not _is_row(cells):
+            continue
+        if len(cells) != width:
+            point = "; write numbers with a decimal point, not a comma" if len(cells) > width else ""
+            raise UserError(f"{path}: line {lines.line_num} has {len(cells)} values, not {width}{point}")
+        if lines.line_num > MOST_ROWS:
+            raise UserError(f"{path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
+        yield NumberedRow(lines.line_num, cells)
