@@ -143,6 +143,14 @@ def test_what_holds_no_trajectory_is_told(made, name, told):
     assert "Traceback" not in refused(made / name, made / "sequence")
 
 
+@pytest.mark.parametrize("name", ["rosbag2", "rosbag2/bag", "rosbag2/bag/bag.db3:/odom", "mcap", "mcap/bag.mcap:/odom"])
+def test_a_bag_is_read_in_a_folder_of_any_name(made, tmp_path, name):
+    odd = tmp_path / "run #1 100%25 ?mode=memory"
+    for format in ("rosbag2", "mcap"):
+        shutil.copytree(made / format, odd / format)
+    assert evaluated(made / "sequence", odd / name)["ate"]["translation_m"]["max"] < 1e-9
+
+
 def test_times_of_kitti_poses_are_read_to_the_last_digit(made, tmp_path):
     shutil.copytree(made / "kitti", tmp_path / "kitti")
     path = tmp_path / "kitti" / "times.txt"

@@ -442,3 +442,17 @@ def test_every_export_says_what_it_is_and_what_it_lacks(plain, tmp_path, format)
     assert all((out / name).is_file() for name in said["frames"])
     assert said["not_held"]
     assert any((out / name).is_file() for name in ("README.md", "dataset_info.md"))
+
+
+@pytest.mark.parametrize("format", EXPORTS)
+def test_a_folder_of_any_name_holds_the_whole_export(plain, tmp_path, format):
+    odd = tmp_path / "run #1 100%25 ?a=b %04d \u56fe 'q' \"d\" & $x {y}"
+    odd.mkdir()
+    exported(plain, format, odd)
+    exported(plain, format, tmp_path / "plain")
+
+    def held(folder):
+        return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+    assert held(odd) == held(tmp_path / "plain")
+    assert {path.name for path in tmp_path.iterdir()} == {odd.name, "plain"}

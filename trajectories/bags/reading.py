@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.trajectories.bags.library import reader, typestore
-from uavbench.trajectories.bags.storages import SQLITE, check_chunks, check_database
+from uavbench.trajectories.bags.storages import SQLITE, check_chunks, check_database, path_for_rosbags
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import BAG, BAG_METADATA, IMAGE, MOST_MESSAGE_BYTES
 from uavbench.trajectories.files.reading import opened
@@ -131,8 +131,9 @@ def _file_in(path: Path) -> Path:
 def opened_bag(path: Path) -> Iterator[Bag]:
     """An open bag; UserError naming the file when it is not a bag, truncated, too large, or compressed."""
     _check_files(path)
-    bag = reader()(path)
     with ExitStack() as stack:
+        place = stack.enter_context(path_for_rosbags(path))
+        bag = reader()(place)
         try:
             bag.open()
             stack.callback(bag.close)
@@ -141,8 +142,9 @@ def opened_bag(path: Path) -> Iterator[Bag]:
         except UserError as error:
             raise UserError(f"{path}: {error}") from None
         except Exception as error:  # a damaged index, or metadata of wrong types, may raise anything
+            why = _why(error).replace(str(place), str(path))
             raise UserError(
-                f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or "
+                f"{path}: not a readable bag: {why}; if its recording was cut short, `ros2 bag reindex` or "
                 "`mcap recover` may repair it"
             ) from None
         yield found

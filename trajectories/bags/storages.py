@@ -1,7 +1,9 @@
-"""Checks of a bag's storage: SQLite tables without computed content, MCAP chunks that fit into memory."""
+"""A bag's storage: its path for rosbags, SQLite tables without computed content, MCAP chunks that fit into memory."""
 
+import os
 import sqlite3
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -12,8 +14,26 @@ from uavbench.trajectories.files.limits import MOST_CHUNK_BYTES
 SQLITE = b"SQLite format 3\0"
 """Magic bytes of an SQLite database."""
 OF_A_URI = "?#%"
-"""Characters that rosbags does not escape when it puts a file name into a URI."""
+"""Characters that rosbags does not escape when it puts a path into a URI: SQLite would open another file."""
 UNTRUSTED = "which recordings do not have; do not trust this file"
+
+
+@contextmanager
+def path_for_rosbags(path: Path) -> Iterator[Path]:
+    """A path of the same file or folder that has no character of OF_A_URI in the folders above, valid in the context.
+
+    The folder of a file, or of what does not exist yet, must exist.
+    """
+    if not any(letter in str(path) for letter in OF_A_URI):
+        yield path
+        return
+    whole = path.is_dir()
+    handle = os.open(path if whole else path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        folder = Path(f"/proc/self/fd/{handle}")
+        yield folder if whole else folder / path.name
+    finally:
+        os.close(handle)
 
 
 def check_database(path: Path) -> None:
@@ -21,8 +41,8 @@ def check_database(path: Path) -> None:
 
     Views and generated columns can be of any size, and so can a table of a few pages that point to each other.
     """
-    if found := [letter for letter in OF_A_URI if letter in str(path)]:
-        raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file or its folder")
+    if found := [letter for letter in OF_A_URI if letter in path.name]:
+        raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file")
     try:
         with closing(sqlite3.connect(f"file:{quote(str(path.absolute()))}?immutable=1", uri=True)) as database:
             for kind, name, sql in database.execute("SELECT type, name, substr(sql, 1, 40) FROM sqlite_master"):

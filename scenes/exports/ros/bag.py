@@ -22,6 +22,7 @@ from uavbench.scenes.exports.ros.gimbal_messages import joint_states, moving_ext
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.library import rosbags, typestore
+from uavbench.trajectories.bags.storages import path_for_rosbags
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_header
@@ -264,7 +265,7 @@ def _write(
     library = rosbags("rosbag2")
     plugin = {"mcap": library.StoragePlugin.MCAP, "sqlite3": library.StoragePlugin.SQLITE3}[storage]
     types, frame = typestore(), 0
-    with library.Writer(path, version=VERSION, storage_plugin=plugin) as writer:
+    with path_for_rosbags(path) as place, library.Writer(place, version=VERSION, storage_plugin=plugin) as writer:
         for key, value in about.items():
             writer.set_custom_data(key, value)
         connections = {}
