@@ -15,6 +15,7 @@ from tests.bench.small_suites import own_images
 from uavbench.bench.cli.main import main
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.style import house_style, new_figure, save_figure
+from uavbench.scenes.exports.registry import EXPORTS
 from uavbench.scenes.image_files import finish_video
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts
@@ -124,6 +125,15 @@ def test_a_command_whose_video_does_not_fit_leaves_none(tmp_path, command):
     assert f"{out}/" in done.output and "frames of the video could be written; free space" in done.output, done.output
     assert "-uavbench-" not in done.output
     assert everything(out) == []
+
+
+@pytest.mark.parametrize("form", [each for each in EXPORTS if each not in ("kalibr", "video")])
+def test_an_export_that_does_not_fit_leaves_none(tmp_path, form):
+    with files_of_at_most(3000):  # the images are larger
+        done = CliRunner().invoke(main, ["export", str(TRIAL), "--format", form, "--out", str(tmp_path / "out" / "e")])
+    assert done.exit_code == 1 and isinstance(done.exception, SystemExit), (done.output, done.exception)
+    assert "free space" in done.output and "-uavbench-" not in done.output
+    assert everything(tmp_path / "out") == []
 
 
 SUITE = """

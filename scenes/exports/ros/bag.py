@@ -23,7 +23,7 @@ from uavbench.scenes.exports.shown_images import Shown
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.library import rosbags, typestore
 from uavbench.trajectories.bags.storages import path_for_rosbags
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_header
 from uavbench.trajectories.pose import Pose
@@ -56,7 +56,8 @@ class BagExport:
         try:
             _write(topics, folder / "bag", self.storage, self._about(shown), lambda n: on_frame(n, len(shown.sequence)))
         except sqlite3.Error as error:
-            raise UserError(
+            full = error.sqlite_errorname.startswith(("SQLITE_FULL", "SQLITE_IOERR"))
+            raise (DiskError if full else UserError)(
                 f"{folder.parent}: SQLite cannot write the bag: {error}; free space, or choose another location"
             ) from None
         if self.storage == "mcap":
