@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import read_integers, read_records, read_table
+from uavbench.scenes.dataset.table_files import read_readings, read_records
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_header
@@ -143,18 +143,13 @@ def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
     """All measurements of a sensor of a sequence; UserError naming file and line of an invalid one."""
     binary = inside(sequence.body_folder, f"{name}.npy")
     path = binary if binary.is_file() else inside(sequence.body_folder, f"{name}.csv")
-    records = read_records(path) if path is binary else None
-    stamps = read_integers(path, ["stamp_ns"])[:, 0] if records is None else records["stamp_ns"]
+    if path is not binary:
+        return Samples(*read_readings(path, list(sensor.columns), gaps=True))
+    records = read_records(path)
+    stamps = records["stamp_ns"]
     if (np.diff(stamps) <= 0).any():
         raise UserError(f"{path}: its stamps do not increase; render the sequence again")
-    if records is not None:
-        return Samples(stamps, np.column_stack([records[column] for column in sensor.columns]))
-    cells = [[row[c] for c in sensor.columns] for row in read_table(path, list(sensor.columns))]
-    try:
-        values = np.array([[float(cell) if cell else np.nan for cell in row] for row in cells])
-    except ValueError as error:
-        raise UserError(f"{path}: {error}; render the sequence again") from None
-    return Samples(stamps, values.reshape(len(stamps), len(sensor.columns)))
+    return Samples(stamps, np.column_stack([records[column] for column in sensor.columns]))
 
 
 def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:

@@ -12,7 +12,7 @@ from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.tables import integers, numbers, table_rows
+from uavbench.trajectories.files.tables import Readings, integers, numbers, readings, table_rows
 from uavbench.trajectories.pose import Array
 
 FORMAT = 8
@@ -94,6 +94,11 @@ def read_numbers(path: Path, columns: list[str]) -> Array:
 def read_integers(path: Path, columns: list[str]) -> NDArray[np.int64]:
     """These columns (n, k) of a CSV file as integers; UserError naming the file and the line."""
     return integers(path, columns, inside=path.parent)
+
+
+def read_readings(path: Path, columns: list[str], *, gaps: bool = False) -> Readings:
+    """Readings of a sensor in these columns; gaps: some may be empty. UserError naming the file and the line."""
+    return readings(path, columns, gaps=gaps, inside=path.parent)
 
 
 def read_records(path: Path) -> NDArray[np.void]:

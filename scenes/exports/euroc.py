@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import read_integers, read_numbers
+from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_readings
 from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.errors import UserError, one_line
@@ -100,13 +100,21 @@ def yaml_number(value: float) -> str:
 def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     """Parameters of each IMU of a sequence, by the name of its file.
 
-    They are empty for a file of readings that sequence.json does not list.
+    They are empty for a file of readings that sequence.json does not list. UserError for an IMU's file without its
+    columns.
     """
     sensors = dict(tables_of(sequence))
     folder = sequence.body_folder
     for path in sorted(folder.glob("imu*.csv")):
         sensors.setdefault(path.name, {})
     heads = {name: read_header(folder / name, TABLE, inside=folder) for name in sensors}
+    for name, imu in sensors.items():
+        missing = [column for column in ("stamp_ns", *READINGS) if column not in heads[name]]
+        if missing and str(imu.get("kind", "")).startswith("imu"):
+            raise UserError(
+                f"{folder / name}: missing columns {', '.join(missing)} of an IMU, which sequence.json says that it is "
+                "of; name them in the first line, separated by commas"
+            )
     return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(heads[name])}
 
 
@@ -122,8 +130,8 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     folder.mkdir()
     head = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1]"
     head += ",a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
-    stamps = read_integers(readings, ["stamp_ns"])[:, 0].tolist()
-    rows = zip(stamps, read_numbers(readings, READINGS).tolist(), strict=True)
+    read = read_readings(readings, READINGS)
+    rows = zip(read.stamps_ns.tolist(), read.values.tolist(), strict=True)
     write_text(folder / "data.csv", "\n".join([head, *(f"{ns},{','.join(map(repr, row))}" for ns, row in rows)]) + "\n")
     kind = one_line(str(imu.get("kind", "IMU")))
     text = f"sensor_type: imu\ncomment: simulated {kind}\n{_t_bs(body_from_imu(readings, imu))}"
@@ -184,7 +192,9 @@ def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:
     """True biases (n, 6) of an IMU at stamps, linear between its readings; zeros where it has none."""
     if not set(BIASES) <= set(read_header(readings, TABLE)):
         return np.zeros((len(stamps_ns), 6))
-    at, biases = read_integers(readings, ["stamp_ns"])[:, 0], read_numbers(readings, BIASES)
+    at, biases = read_readings(readings, BIASES)
+    if not len(at):
+        raise UserError(f"{readings}: has no readings; remove the file, and its table in sequence.json")
     return np.column_stack([np.interp(stamps_ns, at, column) for column in biases.T])
 
 

@@ -456,3 +456,40 @@ def test_a_folder_of_any_name_holds_the_whole_export(plain, tmp_path, format):
 
     assert held(odd) == held(tmp_path / "plain")
     assert {path.name for path in tmp_path.iterdir()} == {odd.name, "plain"}
+
+
+BAD_READINGS = {
+    "unsorted": (lambda head, a, b, *rest: [head, b, a, *rest], "line 3: its stamp is not later"),
+    "twice": (lambda head, a, b, *rest: [head, a, a, b, *rest], "line 3: its stamp is not later"),
+    "NaN": (
+        lambda head, a, *rest: [head, re.sub(",[^,]*", ",nan", a, count=1), *rest],
+        "line 2: wx_rad_s = nan",
+    ),
+    "infinite": (lambda head, a, *rest: [head, re.sub(",[^,]*", ",inf", a, count=1), *rest], "line 2: wx_rad_s = inf"),
+    "seconds": (lambda head, a, *rest: [head, "0.0" + a[1:], *rest], "line 2: stamp_ns = '0.0' is not a whole number"),
+    "semicolons": (lambda *lines: [line.replace(",", ";") for line in lines], "missing columns stamp_ns, wx_rad_s"),
+    "no names": (lambda head, *rest: list(rest), "missing columns stamp_ns, wx_rad_s"),
+    "a column less": (lambda *lines: [re.sub(",[^,]*", "", line, count=1) for line in lines], "columns wx_rad_s of an"),
+}
+
+
+@pytest.mark.parametrize("format", ["euroc", "kalibr", "mcap", "rosbag2"])
+@pytest.mark.parametrize("bad", BAD_READINGS)
+def test_bad_readings_of_an_imu_are_neither_exported_nor_left_out(plain, tmp_path, bad, format):
+    change, told = BAD_READINGS[bad]
+    path = hand_made(shutil.copytree(plain, tmp_path / "bad")) / "imu.csv"
+    path.write_text("\n".join(change(*path.read_text().splitlines())) + "\n")
+    if format == "kalibr" and "column" not in told:
+        exported(path.parent, format, tmp_path)  # it holds no readings
+        return
+    with pytest.raises(UserError, match=told) as error:
+        exported(path.parent, format, tmp_path)
+    assert "imu.csv" in str(error.value)
+    assert not (tmp_path / format).exists()
+
+
+def test_an_imu_without_readings_has_no_biases_to_export(plain, tmp_path):
+    path = hand_made(shutil.copytree(plain, tmp_path / "bad")) / "imu-bmi088.csv"
+    path.write_text(path.read_text().splitlines()[0] + "\n")
+    with pytest.raises(UserError, match=r"imu-bmi088.csv: has no readings; remove the file"):
+        exported(path.parent, "euroc", tmp_path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.tables import integers, line_of_row, numbers, table_rows
+from uavbench.trajectories.files.tables import integers, line_of_row, numbers, readings, table_rows
 
 COLUMNS = ["px_m", "py_m"]
 PLAIN = "stamp_ns,px_m,py_m\n10,1.5,-2\n20,2.5,-3\n"
@@ -91,3 +91,31 @@ def test_the_line_of_a_row_counts_what_is_no_row(tmp_path):
     with table_rows(path, COLUMNS) as (names, rows):
         assert names == ["stamp_ns", *COLUMNS]
         assert [row.line for row in rows] == [3, 5]
+
+
+def test_readings_are_stamped_and_may_have_gaps(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace("1.5", "").replace("-3", "nan"))
+    found = readings(path, COLUMNS, gaps=True)
+    assert found.stamps_ns.tolist() == [10, 20]
+    np.testing.assert_array_equal(found.values, [[np.nan, -2.0], [2.5, np.nan]])
+    path.write_text(PLAIN.splitlines()[0])
+    assert readings(path, COLUMNS).values.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "gaps", "told"),
+    [
+        (PLAIN.replace("20,", "10,"), True, "line 3: its stamp is not later than the previous one; sort the file"),
+        (PLAIN.replace("20,", "9,"), False, "line 3: its stamp is not later"),
+        (PLAIN.replace("2.5", "nan"), False, "line 3: px_m = nan is not finite; leave the line out"),
+        (PLAIN.replace("-3", "-inf"), True, "line 3: py_m = -inf is not finite"),
+        (PLAIN.replace("2.5", ""), False, "line 3: px_m is empty"),
+        (PLAIN.replace("2.5", "x"), True, "line 3: px_m = 'x' is not a number, or nothing"),
+    ],
+)
+def test_bad_readings_are_told_by_their_line(tmp_path, text, gaps, told):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=told):
+        readings(path, COLUMNS, gaps=gaps)

@@ -61,14 +61,41 @@ def table_rows(
 
 def numbers(path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None) -> NDArray[Any]:
     """These columns (n, k) as float64; UserError as `table_rows`, or naming line and column of what is no number."""
-    values = _converted(path, columns, limit, inside, "d")
+    values = _converted(path, columns, limit, inside, "a number")
     return np.array(values, dtype=np.float64).reshape(-1, len(columns))
 
 
 def integers(path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None) -> NDArray[Any]:
     """These columns (n, k) as int64; UserError as `table_rows`, or naming line and column of what is no integer."""
-    values = _converted(path, columns, limit, inside, "q")
+    values = _converted(path, columns, limit, inside, "a whole number")
     return np.array(values, dtype=np.int64).reshape(-1, len(columns))
+
+
+class Readings(NamedTuple):
+    """Readings of a sensor: stamps_ns (n,), increasing, and values (n, k), NaN where nothing was measured."""
+
+    stamps_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+def readings(path: Path, columns: Sequence[str], *, gaps: bool = False, inside: Path | None = None) -> Readings:
+    """Readings in the column stamp_ns and these columns; gaps: cells may be empty or NaN.
+
+    UserError as `numbers`, or naming the line of a value that is not finite, or of a stamp that is not later.
+    """
+    stamps_ns = integers(path, ["stamp_ns"], inside=inside)[:, 0]
+    values = _converted(path, columns, TABLE, inside, "a number, or nothing" if gaps else "a number")
+    table = np.array(values, dtype=np.float64).reshape(-1, len(columns))
+    late = np.concatenate([[False], np.diff(stamps_ns) <= 0])[: len(stamps_ns)]
+    bad = ~(np.isfinite(table) | (gaps & np.isnan(table)))
+    if late.any():
+        line = line_of_row(path, int(np.argmax(late)))
+        raise UserError(f"{path}: line {line}: its stamp is not later than the previous one; sort the file by stamp_ns")
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        line, value = line_of_row(path, int(row)), table[row, column]
+        raise UserError(f"{path}: line {line}: {columns[column]} = {value} is not finite; leave the line out")
+    return Readings(stamps_ns, table)
 
 
 def line_of_row(path: Path, row: int) -> int:
@@ -77,14 +104,22 @@ def line_of_row(path: Path, row: int) -> int:
         return next(islice(rows, row, None)).line
 
 
-KINDS: dict[str, tuple[Callable[[str], Any], str]] = {"d": (float, "a number"), "q": (int, "a whole number")}
-"""How a cell is converted and what it must be, by the type code of its array."""
+def _or_nothing(cell: str) -> float:
+    return float(cell) if cell.strip() else np.nan
 
 
-def _converted(path: Path, columns: Sequence[str], limit: FileLimit, inside: Path | None, code: str) -> "array[Any]":
+CONVERSIONS: dict[str, Callable[[str], Any]] = {
+    "a number": float,
+    "a number, or nothing": _or_nothing,
+    "a whole number": int,
+}
+"""How a cell is converted, by what it must be."""
+
+
+def _converted(path: Path, columns: Sequence[str], limit: FileLimit, inside: Path | None, what: str) -> "array[Any]":
     """Values of these columns in row-major order, eight bytes each."""
-    values = array(code)
-    convert = KINDS[code][0]
+    convert = CONVERSIONS[what]
+    values = array("q" if convert is int else "d")
     with table_rows(path, columns, limit, inside) as (names, rows):
         places = [names.index(column) for column in columns]
         for number, cells in rows:
@@ -96,13 +131,13 @@ def _converted(path: Path, columns: Sequence[str], limit: FileLimit, inside: Pat
             except OverflowError:
                 raise UserError(f"{path}: line {number}: an integer has more than 64 bits") from None
             except ValueError:
-                raise _no_number(path, number, list(zip(columns, used, strict=True)), code) from None
+                raise _no_number(path, number, list(zip(columns, used, strict=True)), what) from None
     return values
 
 
-def _no_number(path: Path, line: int, named: list[tuple[str, str]], code: str) -> UserError:
+def _no_number(path: Path, line: int, named: list[tuple[str, str]], what: str) -> UserError:
     """Error about the first of these cells, by the names of their columns, that cannot be converted."""
-    convert, what = KINDS[code]
+    convert = CONVERSIONS[what]
     for name, cell in named:
         with suppress(ValueError):
             convert(cell.replace("_", "?"))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_table
+from uavbench.scenes.dataset.table_files import read_readings
 from uavbench.scenes.exports.euroc import READINGS, TrueStates
 from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.scenes.exports.shown_images import Picture, Shown
@@ -152,7 +152,7 @@ def imu_readings(shown: Shown, name: str, imu: dict[str, Any], topic: str) -> It
     path = shown.sequence.body_folder / name
     none = np.array([-1.0, *[0.0] * 8])
     gyro, accel = (_noise(imu, key) for key in ("gyro_noise_rad_s_sqrt_hz", "accel_noise_m_s2_sqrt_hz"))
-    for stamp, row in _rows(read_integers(path, ["stamp_ns"])[:, 0], read_numbers(path, READINGS)):
+    for stamp, row in _rows(*read_readings(path, READINGS)):
         fields = {
             "header": header(stamp, link_of(name)),
             "orientation": _quaternion([1.0, 0.0, 0.0, 0.0]),
@@ -171,17 +171,13 @@ def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: st
     Each variance is a third of PDOP^2 times the variance of one range.
     """
     path = shown.sequence.body_folder / name
-    rows = read_table(path, [*FIX, "pdop"])
-    try:
-        values = np.array([[float(row[key] or "nan") for key in (*FIX, "pdop")] for row in rows]).reshape(-1, 4)
-    except ValueError as error:
-        raise UserError(f"{path}: {error}") from None
+    stamps_ns, values = read_readings(path, [*FIX, "pdop"], gaps=True)
     turn = np.radians(float(gnss.get("north_deg", 0.0)))
     c, s = np.cos(turn), np.sin(turn)
     east_north_up = values[:, :3] @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     range_m2 = float(gnss.get("slow_m", 0.0)) ** 2 + float(gnss.get("white_m", 0.0)) ** 2
     places = np.column_stack([datum.geodetic(east_north_up), range_m2 * values[:, 3] ** 2 / 3])
-    for stamp, (latitude, longitude, height, variance) in _rows(read_integers(path, ["stamp_ns"])[:, 0], places):
+    for stamp, (latitude, longitude, height, variance) in _rows(stamps_ns, places):
         fixed = np.isfinite(latitude)
         known = bool(fixed and variance > 0)
         yield Stamped(
@@ -204,7 +200,7 @@ def pressures(shown: Shown, name: str, baro: dict[str, Any], topic: str) -> Iter
     """Pressures of a barometer, Pa, with the variance of their white noise; 0, unknown, where it is not given."""
     path = shown.sequence.body_folder / name
     variance = float(baro.get("noise_pa", 0.0)) ** 2
-    for stamp, (pressure,) in _rows(read_integers(path, ["stamp_ns"])[:, 0], read_numbers(path, [PRESSURE])):
+    for stamp, (pressure,) in _rows(*read_readings(path, [PRESSURE])):
         fields = {"header": header(stamp, link_of(name)), "fluid_pressure": pressure, "variance": variance}
         yield Stamped(topic, stamp, message("sensor_msgs/FluidPressure", **fields))
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import read_integers, read_numbers
+from uavbench.scenes.dataset.table_files import read_readings
 from uavbench.scenes.exports.ros.bag_messages import BODY, Stamped, header, message, ros_name, transform
 
 
@@ -23,8 +23,8 @@ def joint_states(sequence: Sequence, file: str, joints: list[str], topic: str) -
     """Measured angles of the joints of a gimbal, rad; velocities and efforts are not measured."""
     path = sequence.body_folder / file
     names, none = [f"{ros_name(file)}_{joint}" for joint in joints], np.zeros(0)
-    table = read_numbers(path, [f"{joint}_rad" for joint in joints])
-    for stamp_ns, row in zip(read_integers(path, ["stamp_ns"])[:, 0].tolist(), table, strict=True):
+    stamps_ns, table = read_readings(path, [f"{joint}_rad" for joint in joints])
+    for stamp_ns, row in zip(stamps_ns.tolist(), table, strict=True):
         fields: dict[str, Any] = {"name": names, "position": row, "velocity": none, "effort": none}
         head = header(stamp_ns, BODY)
         yield Stamped(topic, stamp_ns, message("sensor_msgs/JointState", header=head, **fields))

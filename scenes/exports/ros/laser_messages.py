@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.dataset.table_files import read_integers, read_table
+from uavbench.scenes.dataset.table_files import read_readings
 from uavbench.scenes.exports.laser_readings import RANGE, Laser, Lidar, Turn
 from uavbench.scenes.exports.ros.bag_messages import NS, Stamped, header, link_of, message
-from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 INFRARED = 1
@@ -27,13 +26,10 @@ DATATYPES = {"<f4": 7, "<u2": 4}
 def ranges(laser: Laser, topic: str) -> Iterator[Stamped]:
     """Ranges along the x axis of the sensor, which has no field of view, with the variance of their noise."""
     path = laser.sequence.body_folder / laser.file
-    try:
-        values = [float(row[RANGE] or "nan") for row in read_table(path, [RANGE])]
-    except ValueError as error:
-        raise UserError(f"{path}: {error}") from None
+    stamps_ns, values = read_readings(path, [RANGE], gaps=True)
     near_m2, far_m2 = (laser.parameter(name) ** 2 for name in ("noise_m", "far_noise_m"))
     far_m, limits = laser.parameter("far_m"), _limits(laser, "min_range", "max_range")
-    for stamp, value in zip(read_integers(path, ["stamp_ns"])[:, 0].tolist(), values, strict=True):
+    for stamp, value in zip(stamps_ns.tolist(), values[:, 0].tolist(), strict=True):
         known = {"range": value, "variance": (near_m2 if value < far_m else far_m2) if np.isfinite(value) else 0.0}
         fields = {"header": header(stamp, link_of(laser.file)), "radiation_type": INFRARED, "field_of_view": 0.0}
         yield Stamped(topic, stamp, message("sensor_msgs/Range", **fields, **limits, **known))
