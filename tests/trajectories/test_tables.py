@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files import tables
 from uavbench.trajectories.files.tables import integers, line_of_row, numbers, readings, table_rows
 
 COLUMNS = ["px_m", "py_m"]
@@ -119,3 +120,20 @@ def test_bad_readings_are_told_by_their_line(tmp_path, text, gaps, told):
     path.write_text(text)
     with pytest.raises(UserError, match=told):
         readings(path, COLUMNS, gaps=gaps)
+
+
+def test_endless_lines_and_tables_are_told(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN + f"30,{'1' * 40},1\n")
+    longest = len(path.read_text().splitlines()[-1]) + 1
+    monkeypatch.setattr(tables, "LONGEST_LINE", longest)
+    assert len(numbers(path, COLUMNS)) == 3
+    monkeypatch.setattr(tables, "LONGEST_LINE", longest - 1)
+    with pytest.raises(UserError, match=f"line 4 is longer than {longest - 1} characters; is this a CSV file"):
+        numbers(path, COLUMNS)
+    monkeypatch.setattr(tables, "LONGEST_LINE", 1000)
+    monkeypatch.setattr(tables, "MOST_ROWS", 3)
+    with pytest.raises(UserError, match="has more than 3 rows"):
+        numbers(path, COLUMNS)
+    monkeypatch.setattr(tables, "MOST_ROWS", 4)
+    assert len(numbers(path, COLUMNS)) == 3
