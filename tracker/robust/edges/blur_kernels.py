@@ -46,7 +46,7 @@ def excess_blur(
     """
     blur_px = optics.blur_px
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
-    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0)
+    colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
     strip, alone = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px)), 0
     for p in range(len(rows)):

@@ -51,6 +51,8 @@ their sum must be a step."""
 HEIGHT_INFORMATION = 1e-4
 """Prior information on a height: the square of a pixel's noise, 0.01, over that of a height, 1. It decides where two
 edges are one in the image."""
+TILE = 4
+"""Rows and columns of the products that are summed up together, which the registers of a processor hold."""
 ITERATIONS = 3
 """Of Gauss-Newton: the heights, then the shift with them, then both."""
 
@@ -82,8 +84,8 @@ class Strip(NamedTuple):
 class Sums(NamedTuple):
     """Arrays that a fit of up to k steps writes, made once for many fits.
 
-    terms (2 k + 2 + r, ACROSS): H and H' of each step, the light, 1, and the light's derivatives, at the pixels of a
-    scan line. products (2 k + 2 + r, 2 k + 2): its lower half is their sums over all pixels. A (k + 1, k + 1),
+    terms (m, p, TILE): in so many blocks of columns, at each of p pixels, H and H' of each step, the light, 1, and the
+    light's derivatives. products (TILE m, TILE m): its lower half is their sums over all pixels. A (k + 1, k + 1),
     x (k + 1,): normal equations of the heights and the shift. height (k,). by_response (r,): derivatives of the shift.
     """
 
@@ -99,13 +101,13 @@ NO_STEP = Step(np.inf, np.inf)
 OPTICS = named_tuple(Optics, "f2! f0")
 
 
-@compiled("i0 i0", inner=True)
-def room_for(steps: int, derivatives: int) -> Sums:
-    """Arrays for fits of up to so many steps, with so many derivatives of the light."""
-    size, unknowns = 2 * steps + 2, steps + 1
+@compiled("i0 i0 i0", inner=True)
+def room_for(steps: int, derivatives: int, beside: int) -> Sums:
+    """Arrays for fits of up to so many steps, with so many derivatives of the light, on strips of so many lines."""
+    blocks, unknowns = (2 * steps + 2 + derivatives + TILE - 1) // TILE, steps + 1
     return Sums(
-        np.empty((size + derivatives, ACROSS)),
-        np.empty((size + derivatives, size)),
+        np.zeros((blocks, (2 * beside + 1) * ACROSS, TILE)),
+        np.empty((TILE * blocks, TILE * blocks)),
         np.empty((unknowns, unknowns)),
         np.empty(unknowns),
         np.empty(steps),
@@ -142,7 +144,6 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
     h, w, channels = image.shape
     along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
     light_of = strip.optics.light
-    rows = len(light_of) + 1  # that of the light, 1, and the derivatives of the light
     nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
     u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
     by_rows = abs(nu) >= abs(nv)
@@ -150,10 +151,8 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
         x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
     else:
         x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
-    steps, lines, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
-    size = 2 * steps + 2
-    terms, products = sums.terms, sums.products
-    products[:] = 0.0
+    steps, pixels, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
+    terms, light_block, light_column = sums.terms, steps // 2, 2 * (steps % 2)
     middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
     for k in range(-(along // every), along // every + 1):
         y = middle + k * every
@@ -165,32 +164,71 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
             mu, mv = edges[i, NORMAL_U], edges[i, NORMAL_V]
             away = (column - edges[i, U]) * mu + (row - edges[i, V]) * mv - start
             first, each = away * rows_per_px + MIDDLE, (mu if by_rows else mv) * rows_per_px
+            block, odd = i // 2, i % 2 == 1
             for x in range(ACROSS):
-                at = int(min(max(first + x * each, 0.0), 2.0 * MIDDLE) + 0.5)
-                terms[2 * i, x], terms[2 * i + 1, x] = STEP[at], SLOPE[at] * widths_per_px
+                at = np.uint32(min(max(first + x * each, 0.0), 2.0 * MIDDLE) + 0.5)
+                if odd:
+                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = STEP[at], SLOPE[at] * widths_per_px
+                else:
+                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = STEP[at], SLOPE[at] * widths_per_px
         for x in range(ACROSS):
             column, row = (low + x, y) if by_rows else (y, low + x)
-            for r in range(rows):
-                terms[size - 2 + r, x] = 1.0 if r == 1 else 0.0
-            for c in range(3):
-                code = image[row, column, min(c, channels - 1)]
-                terms[size - 2, x] += colour[c] * light_of[0, code]
-                for r in range(2, rows):
-                    terms[size - 2 + r, x] += colour[c] * light_of[r - 1, code]
-        for i in range(size, size - 2 + rows):
-            for j in range(size):
-                total = products[i, j]
-                for x in range(ACROSS):
-                    total += terms[i, x] * terms[j, x]
-                products[i, j] = total
-        for i in range(size):
-            for j in range(i + 1):
-                total = products[i, j]
-                for x in range(ACROSS):
-                    total += terms[i, x] * terms[j, x]
-                products[i, j] = total
-        lines += 1
-    return lines * ACROSS
+            light = 0.0
+            for c in range(channels):
+                light += colour[c] * light_of[0, image[row, column, c]]
+            terms[light_block, pixels + x, light_column] = light
+            terms[light_block, pixels + x, light_column + 1] = 1.0
+        for r in range(len(light_of) - 1):
+            at_block, at_column = divmod(2 * steps + 2 + r, TILE)
+            for x in range(ACROSS):
+                column, row = (low + x, y) if by_rows else (y, low + x)
+                light = 0.0
+                for c in range(channels):
+                    light += colour[c] * light_of[1 + r, image[row, column, c]]
+                terms[at_block, pixels + x, at_column] = light
+        pixels += ACROSS
+    for i in range((2 * steps + 2 + len(light_of) - 1 + TILE - 1) // TILE):
+        for j in range(i):
+            sum_tile(terms, i, j, pixels, sums.products)
+        sum_half_tile(terms, i, pixels, sums.products)
+    return pixels
+
+
+@inlined
+def sum_tile(terms: Array, i: int, j: int, pixels: int, products: Array) -> None:
+    """The products of all columns of blocks i and j of the terms, summed up in the order of so many pixels.
+
+    One number at a time: a processor holds all of them in its registers, and the order of each sum is as written.
+    """
+    p00 = p01 = p02 = p03 = p10 = p11 = p12 = p13 = 0.0
+    p20 = p21 = p22 = p23 = p30 = p31 = p32 = p33 = 0.0
+    for x in range(pixels):
+        a0, a1, a2, a3 = terms[i, x, 0], terms[i, x, 1], terms[i, x, 2], terms[i, x, 3]
+        b0, b1, b2, b3 = terms[j, x, 0], terms[j, x, 1], terms[j, x, 2], terms[j, x, 3]
+        p00, p01, p02, p03 = p00 + a0 * b0, p01 + a0 * b1, p02 + a0 * b2, p03 + a0 * b3
+        p10, p11, p12, p13 = p10 + a1 * b0, p11 + a1 * b1, p12 + a1 * b2, p13 + a1 * b3
+        p20, p21, p22, p23 = p20 + a2 * b0, p21 + a2 * b1, p22 + a2 * b2, p23 + a2 * b3
+        p30, p31, p32, p33 = p30 + a3 * b0, p31 + a3 * b1, p32 + a3 * b2, p33 + a3 * b3
+    r, c = TILE * i, TILE * j
+    products[r, c], products[r, c + 1], products[r, c + 2], products[r, c + 3] = p00, p01, p02, p03
+    products[r + 1, c], products[r + 1, c + 1], products[r + 1, c + 2], products[r + 1, c + 3] = p10, p11, p12, p13
+    products[r + 2, c], products[r + 2, c + 1], products[r + 2, c + 2], products[r + 2, c + 3] = p20, p21, p22, p23
+    products[r + 3, c], products[r + 3, c + 1], products[r + 3, c + 2], products[r + 3, c + 3] = p30, p31, p32, p33
+
+
+@inlined
+def sum_half_tile(terms: Array, i: int, pixels: int, products: Array) -> None:
+    """As `sum_tile` of a block with itself, of which only the lower half is summed up."""
+    p00 = p10 = p11 = p20 = p21 = p22 = p30 = p31 = p32 = p33 = 0.0
+    for x in range(pixels):
+        a0, a1, a2, a3 = terms[i, x, 0], terms[i, x, 1], terms[i, x, 2], terms[i, x, 3]
+        p00, p10, p11, p20, p21 = p00 + a0 * a0, p10 + a1 * a0, p11 + a1 * a1, p20 + a2 * a0, p21 + a2 * a1
+        p22, p30, p31, p32, p33 = p22 + a2 * a2, p30 + a3 * a0, p31 + a3 * a1, p32 + a3 * a2, p33 + a3 * a3
+    r = TILE * i
+    products[r, r], products[r + 1, r], products[r + 1, r + 1] = p00, p10, p11
+    products[r + 2, r], products[r + 2, r + 1], products[r + 2, r + 2] = p20, p21, p22
+    products[r + 3, r], products[r + 3, r + 1] = p30, p31
+    products[r + 3, r + 2], products[r + 3, r + 3] = p32, p33
 
 
 @inlined
@@ -228,6 +266,8 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     if n < 3 * ACROSS:
         return NO_STEP
     products, last, rows = sums.products, 2 * steps + 1, len(sums.by_response)
+    if steps == 1 and rows == 0:
+        return fit_alone(products, n, start, strip.optics.light[0, 1])
     for i in range(last + 1, last + 1 + rows):  # the level is eliminated
         for j in range(last):
             products[i, j] -= products[i, last] * products[last, j] / n
@@ -280,3 +320,41 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
             moved -= A[steps, i] * x[i]
         sums.by_response[r] = -moved * A[steps, steps]
     return Step(start + shift, noise * A[steps, steps])
+
+
+@inlined
+def fit_alone(products: Array, n: int, start: float, least: float) -> Step:
+    """As `fit_step` of one step, from the products of n pixels, whose height must be more than `least`.
+
+    The same operations in the same order, number by number: most edges stand alone.
+    """
+    HH, SH, SS = products[0, 0], products[1, 0], products[1, 1]
+    LH, LS, LL = products[2, 0], products[2, 1], products[2, 2]
+    of_H, of_S, of_L = products[3, 0], products[3, 1], products[3, 2]
+    HH, SH, SS = HH - of_H * of_H / n, SH - of_S * of_H / n, SS - of_S * of_S / n  # the level is eliminated
+    LH, LS, LL = LH - of_L * of_H / n, LS - of_L * of_S / n, LL - of_L * of_L / n
+    height, shift, explained, variance = 0.0, 0.0, 0.0, 0.0
+    for iteration in range(ITERATIONS):
+        cross = SH - shift * SS
+        A, B = HH - shift * SH - shift * cross + HEIGHT_INFORMATION, 0.0 - height * cross
+        C = 1.0 if iteration == 0 else height * height * SS
+        x, y = LH - shift * LS, 0.0 - height * LS
+        if not A > 0.0:
+            return NO_STEP
+        A = 1.0 / A
+        C -= B * B * A
+        if not C > 0.0:
+            return NO_STEP
+        variance = 1.0 / C
+        explained = x * x * A
+        x *= A
+        y -= B * x
+        explained += y * y * variance
+        y *= variance
+        height = x - A * B * y
+        shift += y
+        if not (explained >= 0.0 and abs(shift) < 2 * MAX_SHIFT_PX):
+            return NO_STEP
+    if not height > least:
+        return NO_STEP
+    return Step(start + shift, max(0.0, LL - explained) / (n - 3) * variance)

@@ -92,22 +92,24 @@ def refine_subpixel(
     numbers = len(optics.light) - 1
     by_response, alone = np.zeros((len(lines), numbers)), Optics(optics.light[:1], optics.blur_px)
     coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, alone), REACH_PX + CLEAR_WIDTHS * optics.blur_px
-    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS, numbers)
-    of_light = room_for(MOST_STEPS, 0)
+    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS, numbers, FINE_LINES)
+    of_light = room_for(MOST_STEPS, 0, COARSE_LINES)
+    extents, others = extents_of_edges(at, first), np.empty(len(first) - 1, np.int64)
     for g in range(len(first) - 1):
+        crowding = others[: edges_near(extents, g, reach_px, others)]
         start, total = 0.0, 0.0
         for p in range(first[g], first[g + 1]):
             if weights[p] > 0.0:
                 start, total = start + weights[p] * residual[p], total + weights[p]
         start /= max(total, 1e-12)
-        along = min(MOST_ALONG_PX, max(LEAST_ALONG_PX, int(half_spacing(lines, first, g)) - 1))
+        along = min(MOST_ALONG_PX, max(LEAST_ALONG_PX, int(extents.half_px[g]) - 1))
         for p in range(first[g], first[g + 1]):
             if not weights[p] > 0.0:
                 continue
             distance[p, 0] = residual[p]
             if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
                 continue
-            steps = crowd(at, first, g, p, reach_px, edges)
+            steps = crowd(at, first, p, extents.half_px, crowding, reach_px, edges)
             if steps == 0:
                 continue
             near = fit_step(image, edges[:steps], start, coarse, colour, of_light)
@@ -140,20 +142,66 @@ def share_evenly(by_response: Array, steps: Indices, first: Indices, group: int)
                 by_response[p, r] = total / max(count, 1)
 
 
+class Extents(NamedTuple):
+    """Where edges lie: box (g, 4) of their points within the image, least u and v, then the largest ones, px.
+
+    half_px (g,): see `half_spacing`.
+    """
+
+    box: Array
+    half_px: Array
+
+
+@compiled("lines i1", inner=True, lines=SEARCH_LINES)
+def extents_of_edges(at: SearchLines, first: Indices) -> Extents:
+    """Extents of the edges in view; a box without points is empty."""
+    lines, side, edges = at.lines, at.side, len(first) - 1
+    box, half_px = np.empty((edges, 4)), np.empty(edges)
+    for g in range(edges):
+        half_px[g] = half_spacing(lines, first, g)
+        low_u, low_v, high_u, high_v = np.inf, np.inf, -np.inf, -np.inf
+        for p in range(first[g], first[g + 1]):
+            if side[p] != OUTSIDE:
+                low_u, low_v = min(low_u, lines[p, U]), min(low_v, lines[p, V])
+                high_u, high_v = max(high_u, lines[p, U]), max(high_v, lines[p, V])
+        box[g, 0], box[g, 1], box[g, 2], box[g, 3] = low_u, low_v, high_u, high_v
+    return Extents(box, half_px)
+
+
 @inlined
-def crowd(at: SearchLines, first: Indices, group: int, p: int, reach_px: float, edges: Array) -> int:
+def edges_near(extents: Extents, group: int, reach_px: float, others: Indices) -> int:
+    """Number of the edges that `crowd` may find about a point of this one; they are written into others (g,).
+
+    Only saves time: those left out are farther away than an edge of a crowd may be.
+    """
+    box, count = extents.box, 0
+    low_u, low_v, high_u, high_v = box[group, 0], box[group, 1], box[group, 2], box[group, 3]
+    for g in range(len(box)):
+        far_px = reach_px + max(LEAST_ALONG_PX, extents.half_px[g]) + 2.0  # 1 px more than a crowd reaches
+        apart_u, apart_v = max(box[g, 0] - high_u, low_u - box[g, 2]), max(box[g, 1] - high_v, low_v - box[g, 3])
+        if g != group and apart_u <= far_px and apart_v <= far_px:
+            others[count] = g
+            count += 1
+    return count
+
+
+@inlined
+def crowd(
+    at: SearchLines, first: Indices, p: int, half_px: Array, others: Indices, reach_px: float, edges: Array
+) -> int:
     """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
 
-    Their lines, pixel and normal on the side of the point's own, are written into edges (., 4). An edge is represented
-    by its control point nearest to p, and ends half a spacing from its last one.
+    others: edges that are near, half_px (g,): see `Extents`. Their lines, pixel and normal on the side of the point's
+    own, are written into edges (., 4). An edge is represented by its control point nearest to p, and ends half a
+    spacing from its last one.
     """
     lines, side, count = at.lines, at.side, 1
     u, v, nu, nv = lines[p, U], lines[p, V], lines[p, NORMAL_U], lines[p, NORMAL_V]
     edges[0, U], edges[0, V], edges[0, NORMAL_U], edges[0, NORMAL_V] = u, v, nu, nv
-    for g in range(len(first) - 1):
+    for g in others:
         q = first[g]
         across = (lines[q, U] - u) * lines[q, NORMAL_U] + (lines[q, V] - v) * lines[q, NORMAL_V]
-        if g == group or abs(across) > BENT_PX + reach_px:
+        if abs(across) > BENT_PX + reach_px:
             continue
         nearest, least = -1, np.inf
         for q in range(first[g], first[g + 1]):
@@ -167,7 +215,7 @@ def crowd(at: SearchLines, first: Indices, group: int, p: int, reach_px: float, 
         du, dv = lines[nearest, U] - u, lines[nearest, V] - v
         if abs(cosine) < PARALLEL_COSINE or abs(du * mu + dv * mv) > reach_px:
             continue
-        if abs(dv * mu - du * mv) > max(LEAST_ALONG_PX, half_spacing(lines, first, g)) + 1.0:
+        if abs(dv * mu - du * mv) > max(LEAST_ALONG_PX, half_px[g]) + 1.0:
             continue
         seen = False
         for k in range(count):
