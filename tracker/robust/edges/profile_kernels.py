@@ -25,7 +25,7 @@ from uavbench.tracker.robust.edges.columns import (
 )
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, Candidates, SearchLines
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 REACH = 4
@@ -38,6 +38,8 @@ SIGMAS = 3.0
 """Half length of search lines in standard deviations: contains 99.7 % of a normal distribution."""
 MOST_SQUARE_PX2 = 1.0
 """Largest mean square of an edge's distance that is assumed without being observed: beyond it lie other steps."""
+ONE = np.uint32(1)
+"""The next row or column of an image, as numbers that are not negative: no kernel needs to check that they are not."""
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
 SEARCH, APPEARANCE = kernel_type(SearchConfig), kernel_type(AppearanceConfig)
@@ -58,24 +60,29 @@ def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
         x, y = u + end * nu, v + end * nv
         if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
             return False
+    if channels == 1:
+        for k in range(2 * m + 1):
+            x, y = u + (k - m) * nu, v + (k - m) * nv
+            i, j = np.uint32(y), np.uint32(x)
+            b, a = y - i, x - j
+            w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+            upper, lower = image[i], image[i + ONE]
+            out[k, 0] = w00 * upper[j, 0] + w01 * upper[j + ONE, 0] + w10 * lower[j, 0] + w11 * lower[j + ONE, 0]
+        return True
     for k in range(2 * m + 1):
         x, y = u + (k - m) * nu, v + (k - m) * nv
-        i, j = int(y), int(x)
+        i, j = np.uint32(y), np.uint32(x)
         b, a = y - i, x - j
         w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+        upper, lower = image[i], image[i + ONE]
         for c in range(channels):
-            out[k, c] = (
-                w00 * image[i, j, c]
-                + w01 * image[i, j + 1, c]
-                + w10 * image[i + 1, j, c]
-                + w11 * image[i + 1, j + 1, c]
-            )
+            out[k, c] = w00 * upper[j, c] + w01 * upper[j + ONE, c] + w10 * lower[j, c] + w11 * lower[j + ONE, c]
     return True
 
 
-@compiled("f2 i0 f0 f0 f0", inner=True)
-def linear_slope(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
-    """Absolute slope at row k of a profile, by the two rows to either side.
+@inlined
+def linear_slope(colours: Array, k: int, w0: float, w1: float, w2: float, grey: bool) -> float:
+    """Absolute slope at row k of a profile, by the two rows to either side; grey: all but its first column are 0.
 
     Values are squared first (a gamma of about two), since pixels integrate linear intensity, not coded values.
     """
@@ -83,18 +90,19 @@ def linear_slope(colours: Array, k: int, w0: float, w1: float, w2: float) -> flo
     for j in range(1, 3):
         a, b = k - j, k + j
         total += w0 * (colours[b, 0] ** 2 - colours[a, 0] ** 2)
-        total += w1 * (colours[b, 1] ** 2 - colours[a, 1] ** 2)
-        total += w2 * (colours[b, 2] ** 2 - colours[a, 2] ** 2)
+        if not grey:
+            total += w1 * (colours[b, 1] ** 2 - colours[a, 1] ** 2)
+            total += w2 * (colours[b, 2] ** 2 - colours[a, 2] ** 2)
     return abs(total)
 
 
-@compiled("f2 i0 f0 f0 f0", inner=True)
-def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
+@inlined
+def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float, grey: bool) -> float:
     """Sub-pixel position of the maximum slope, in px from row k of a profile, by a parabola through three slopes."""
     before, here, after = (
-        linear_slope(colours, k - 1, w0, w1, w2),
-        linear_slope(colours, k, w0, w1, w2),
-        linear_slope(colours, k + 1, w0, w1, w2),
+        linear_slope(colours, k - 1, w0, w1, w2, grey),
+        linear_slope(colours, k, w0, w1, w2, grey),
+        linear_slope(colours, k + 1, w0, w1, w2, grey),
     )
     bend = before - 2.0 * here + after
     return max(-1.0, min(1.0, 0.5 * (before - after) / bend)) if bend < 0.0 else 0.0
@@ -153,21 +161,24 @@ def search(
         least = config.min_contrast_grey
         if learned:
             least = max(config.min_contrast_grey, config.learned_step_part * step)
-        for k in range(2 * m + 1):
-            f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
+        if grey:
+            for k in range(2 * m + 1):
+                f[k] = w0 * colours[k, 0]
+        else:
+            for k in range(2 * m + 1):
+                f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
         for k in range(2, 2 * m - 1):
-            g[k] = 0.5 * (f[k + 1] + f[k + 2] - f[k - 1] - f[k - 2])
-            if not learned and g[k] < 0:
-                g[k] = -g[k]
+            slope = 0.5 * (f[k + 1] + f[k + 2] - f[k - 1] - f[k - 2])
+            g[k] = slope if learned else abs(slope)
         rank[:] = -np.inf
         for k in range(REACH, 2 * m + 1 - REACH):
             if not (g[k] >= least and g[k] >= g[k - 1] and g[k] > g[k + 1]):
                 continue
-            d = k - m + peak_offset(colours, k, w0, w1, w2)
+            d = k - m + peak_offset(colours, k, w0, w1, w2, grey)
             cost = 0.0
             if learned:
                 low, high = 0.0, 0.0
-                for c in range(3):
+                for c in range(image.shape[2]):
                     before = 0.5 * (colours[k - 2, c] + colours[k - 3, c])
                     after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
                     low += (before - appearance[rows[p], NEGATIVE_COLOUR + c]) ** 2
