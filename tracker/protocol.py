@@ -131,4 +131,6 @@ def check_image(image: Image, camera: Camera) -> Image:
         raise ImageError(f"the image has the shape {image.shape}; give {wanted}")
     if image.dtype != np.uint8:
         raise ImageError(f"the image has the type {image.dtype}; give {wanted}, values from 0 to 255")
+    if type(image) is np.ndarray and image.flags.carray:
+        return image
     return np.require(np.asarray(image), requirements=["C", "A", "W"])

@@ -10,7 +10,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.step_kernels import CLEAR_WIDTHS, FIRST_BLUR_PX, REACH_PX
-from uavbench.tracker.robust.edges.subpixel_kernels import crowd
+from uavbench.tracker.robust.edges.subpixel_kernels import crowd, edges_near, extents_of_edges
 from uavbench.tracker.robust.view import View
 
 SPACING_PX = RobustConfig().edges.sampling.spacing_px
@@ -61,9 +61,22 @@ def lines_of(*edges):
 
 def crowd_of(at, first, p, most=6):
     edges = np.full((most, 4), np.nan)
-    group = int(np.searchsorted(first, p, side="right")) - 1
-    count = crowd(at, first, group, p, REACH_PX + CLEAR_WIDTHS * FIRST_BLUR_PX, edges)
+    group, reach_px = int(np.searchsorted(first, p, side="right")) - 1, REACH_PX + CLEAR_WIDTHS * FIRST_BLUR_PX
+    extents, others = extents_of_edges.for_python(at, first), np.zeros(len(first) - 1, np.int64)
+    near = others[: edges_near(extents, group, reach_px, others)]
+    count = crowd(at, first, p, extents.half_px, near, reach_px, edges)
     return edges[:count]
+
+
+def test_edges_that_are_far_from_all_of_an_edge_are_not_looked_at():
+    us = (100.0, 106.0, 112.0)
+    lines = horizontal(50.0, us), horizontal(52.0, us), horizontal(90.0, us), horizontal(50.0, (140.0, 146.0))
+    at, first = lines_of(*lines)
+    extents, others = extents_of_edges.for_python(at, first), np.zeros(len(first) - 1, np.int64)
+    np.testing.assert_array_equal(extents.half_px, 3.0)
+    np.testing.assert_array_equal(extents.box[0], [100, 50, 112, 50])
+    assert others[: edges_near(extents, 0, 4.5, others)].tolist() == [1]
+    assert others[: edges_near(extents, 0, 40.0, others)].tolist() == [1, 2, 3]
 
 
 def horizontal(v, us, up=1.0):

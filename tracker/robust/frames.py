@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
@@ -84,7 +82,7 @@ class Frames:
     def is_frozen(self, image: Image) -> bool:
         """Whether a frame is identical to the previous one; stores some of its rows."""
         last, self.seen_rows = self.seen_rows, image[::ROWS_APART].copy()
-        return last is not None and all(np.array_equal(last[rows], self.seen_rows[rows]) for rows in FIRST_THEN_ALL)
+        return last is not None and all(bool((last[rows] == self.seen_rows[rows]).all()) for rows in FIRST_THEN_ALL)
 
     def prepared(self, raw: Image, stamp_ns: int, expected: Motion | None, clock: StageClock) -> Frame:
         """A frame, stretched and smoothed as necessary, with the more certain prediction, the vehicle's or its own."""

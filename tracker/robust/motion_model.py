@@ -40,8 +40,9 @@ class Motion:
         shift = rate * dt_s + 0.5 * config.acceleration_ranges_s2 * dt_s**2
         turn = rate * dt_s + 0.5 * config.angular_acceleration_rad_s2 * dt_s**2
         covariance = self.covariance.copy()
-        covariance.flat[TRANSLATION] += (min(shift, config.max_sigma) * range_m) ** 2
-        covariance.flat[ROTATION] += min(turn, config.max_sigma) ** 2
+        variances = covariance.reshape(36)
+        variances[TRANSLATION] += (min(shift, config.max_sigma) * range_m) ** 2
+        variances[ROTATION] += min(turn, config.max_sigma) ** 2
         return Motion(pose, covariance)
 
     def spread_m(self, range_m: float) -> float:

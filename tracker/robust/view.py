@@ -40,7 +40,7 @@ class View(NamedTuple):
 
     def at(self, pose: Pose) -> "View":
         """The same camera at a pose (cam_from_world)."""
-        return self.to(np.array(pose.rotation), np.array(pose.translation))
+        return self.to(np.array(pose.rotation, order="C"), np.array(pose.translation))
 
     def to(self, R: Array, t: Array) -> "View":
         """The same camera at cam_from_world (R, t), in writable arrays."""

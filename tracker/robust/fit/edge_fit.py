@@ -14,31 +14,43 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.blur import Blur
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
-from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
+from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
 from uavbench.tracker.robust.edges.step_kernels import Optics
-from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
-from uavbench.tracker.robust.edges.weight_kernels import (
-    contrast_weights,
-    offset_variances,
-    point_variances,
-    weights_in_view,
-)
+from uavbench.tracker.robust.edges.weight_kernels import point_variances
 from uavbench.tracker.robust.fit.judging import Judge
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
-from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory, Seen, learn_edges, learn_patches, learn_response
+from uavbench.tracker.robust.fit.learning import (
+    MIN_POINTS,
+    Memory,
+    Seen,
+    found_faces,
+    learn_edges,
+    learn_patches,
+    learn_response,
+)
 from uavbench.tracker.robust.fit.pose_fit import (
     NO_MATCHES,
     NO_MEASUREMENTS,
+    NO_WEIGHTING,
     Aligned,
     Fit,
-    Located,
     Problem,
     Searched,
     Solution,
 )
 from uavbench.tracker.robust.fit.response import Response
+from uavbench.tracker.robust.fit.stage_kernels import (
+    EdgeModel,
+    Fitted,
+    Located,
+    Solved,
+    edges_in_view,
+    locate,
+    measure_near,
+    solve_anew,
+)
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
@@ -50,6 +62,7 @@ from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -95,7 +108,7 @@ class EdgeFitter:
     @property
     def judge(self) -> Judge:
         """What finds are judged by, as learned so far."""
-        return Judge(self.appearance, self.weak_step, self.values.widths)
+        return Judge(self.appearance, self.values)
 
     @property
     def memory(self) -> Memory:
@@ -181,18 +194,19 @@ class EdgeFitter:
         with clock.stage("subpixel"):
             return self.refine_subpixel(searched)
 
+    @property
+    def model(self) -> EdgeModel:
+        """The edges with their appearance."""
+        return EdgeModel(self.edges.ends, self.edges.inward, self.appearance, self.response.numbers)
+
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
         """Control points, their weights, and patches that are visible at the prediction."""
-        weights, view = self.values.weights, self.view.at(predicted)
+        view = self.view.at(predicted)
         with clock.stage("project"):
-            points = self.sample(view)
+            seen = unchecked(edges_in_view)(self.edges, view, self.appearance, MOST_POINTS, self.values)
             self.texture.choose(view)
-            lines = self.search_lines(points, view)
-            separate_px = self.config.solver.estimator.separate_px
-            weight, counts = weights_in_view(lines, points, self.appearance, separate_px, self.weak_step, weights)
             prior = PosePrior(inverse6(covariance), view.R, view.t, self.response.known)
-            edges = points.rows[points.first[:-1]] // BINS
-        return Problem(image, view, covariance, prior, points, lines, weight, counts, edges)
+        return Problem(image, view, covariance, prior, *seen)
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
         """Coarse estimate, by the patches if enough of them are found, else by hypotheses over a wide search."""
@@ -211,45 +225,27 @@ class EdgeFitter:
             prior, outlier_px = problem.prior.information, self.config.solver.estimator.coarse_widths_px[-1]
             motion = best_motion(measured, prior, self.draws, outlier_px)
             view = view.to(*se3_exp_left(view.R, view.t, motion))
-            edges = self.offsets(problem, measured)
-            estimate = self.solve(problem, measured, NO_MATCHES, edges, view, widths.coarse)
+            estimate = self.solve_anew(problem, measured, NO_MATCHES, view, widths.coarse).estimate
             view = view.to(estimate.R, estimate.t)
         with clock.stage("texture"):
             return Aligned(view, self.texture.align(problem.image, view))
 
     def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
         """Estimate by a short search."""
-        view = aligned.view
-        half_px = np.full(len(problem.points.points), self.values.widths.fine_half_px)
+        view, values = aligned.view, self.values
         with clock.stage("search"):
-            measured = self.measure(problem, self.search_lines(problem.points, view), half_px)
+            measured = unchecked(measure_near)(problem.image, problem.points, problem.weight, view, self.model, values)
         with clock.stage("update"):
-            edges = self.offsets(problem, measured)
-            estimate = self.solve(problem, measured, aligned.matches, edges, view, self.values.widths.fine)
-        return Solution(estimate, measured, edges)
+            solved = self.solve_anew(problem, measured, aligned.matches, view, values.widths.fine)
+        return Solution(solved.estimate, measured, solved.edges)
 
     def refine_subpixel(self, searched: Searched) -> Located:
         """Estimate from intensity steps fitted to the pixels around the control points."""
         problem, aligned, found, _ = searched
-        view = aligned.view.to(found.estimate.R, found.estimate.t)
-        lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
-        fitted = FittedPoints(weighting.residual, weighting.weight, found.measured.variance_px2)
-        steps = refine_subpixel(
-            problem.image,
-            lines,
-            problem.points,
-            self.appearance,
-            fitted,
-            self.optics,
-            self.values.weights,
-        )
-        candidates = Candidates(steps.distance, found.measured.candidates.contrast)
-        alone = contrast_weights(problem.points.rows, self.appearance, self.weak_step, self.values.weights)
-        weight = np.where(steps.steps > 0, alone, problem.weight)
-        measured = EdgeMeasurements(problem.points, lines, candidates, weight, steps.variance_px2, steps.by_response)
-        last = self.values.widths.last
-        estimate = self.solve(problem, measured, aligned.matches, found.edges, view, last)
-        return Located(estimate, steps.steps, steps.by_response)
+        estimate, biases = found.estimate, self.biases.seen_with(found.edges)
+        fitted = Fitted(found.measured, aligned.matches, biases, problem.prior, estimate.weighting)
+        view = aligned.view.to(estimate.R, estimate.t)
+        return unchecked(locate)(problem.image, fitted, view, self.optics, self.model, self.values)
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
@@ -259,11 +255,12 @@ class EdgeFitter:
         none = np.zeros((len(variance_px2), self.response.numbers))  # known to a fraction of the error of a search
         return EdgeMeasurements(points, lines, found, problem.weight, variance_px2, none)
 
-    def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
-        """Offsets of the edges in view, with prior variances from the measurements."""
-        looks = 1.0 / self.config.edges.appearance.learning_rate  # in which a running mean forgets its first value
-        variance_px2 = offset_variances(measured, self.appearance, looks, self.values.weights)
-        return self.biases.offsets(problem.edges, variance_px2, self.config.edges.weights.shared_part)
+    def solve_anew(
+        self, problem: Problem, measured: EdgeMeasurements, matches: PatchMatches, view: View, widths_px: Array
+    ) -> Solved:
+        """As `solve`, with the offsets of the edges in view by the measurements."""
+        given = Fitted(measured, matches, self.biases.seen_with(NO_EDGES), problem.prior, NO_WEIGHTING)
+        return unchecked(solve_anew)(given, problem.edges, widths_px, view, self.appearance, self.values)
 
     def solve(
         self,
@@ -276,15 +273,15 @@ class EdgeFitter:
     ) -> Estimate:
         """M-estimation over edge measurements and patch matches, starting from a view."""
         biases = self.biases.seen_with(edges)
-        return refine(measured, matches, biases, problem.prior, view, widths_px, self.values.estimator)
+        return unchecked(refine)(measured, matches, biases, problem.prior, view, widths_px, self.values.estimator)
 
     def sample(self, view: View) -> ControlPoints:
         """Visible control points in a view."""
-        return sample_edges(self.edges, view, float(self.config.edges.sampling.spacing_px), MOST_POINTS)
+        return unchecked(sample_edges)(self.edges, view, float(self.config.edges.sampling.spacing_px), MOST_POINTS)
 
     def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
         """Search lines of control points in a view."""
-        return search_lines(points, self.edges.ends, self.edges.inward, view)
+        return unchecked(search_lines)(points, self.edges.ends, self.edges.inward, view)
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
@@ -296,8 +293,8 @@ class EdgeFitter:
         self.blur.learn(excess_px2, self.values.appearance.learning_rate)
         self.learned += 1
         used = fit.residuals
-        faces = self.texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
-        learn_patches(self.memory, seen, fit, dt_s, self.config.good_support)
+        faces = found_faces(self.texture, used)
+        learn_patches(self.memory, seen, fit, faces, dt_s, self.config.good_support)
         if self.response.numbers:
             at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
             learn_response(self.response, self.memory, used, faces, at, dt_s, shared_part)

@@ -5,49 +5,48 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.tracker.geometry_kernels import inverse6
-from uavbench.tracker.robust.edges.weight_kernels import found_parts, support
+from uavbench.tracker.robust.edges.weight_kernels import found_parts
 from uavbench.tracker.robust.fit.false_alarms import Found, chance
-from uavbench.tracker.robust.fit.kernel_config import Widths
-from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals, Located, Searched
+from uavbench.tracker.robust.fit.kernel_config import KernelConfig
+from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals, Searched
+from uavbench.tracker.robust.fit.stage_kernels import Located, Weightings, judge
 from uavbench.tracker.robust.solver.sum_kernels import Weighting
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 
 class Judge(NamedTuple):
-    """What the matches of a search are judged by: appearance of the edges, a weak step in grey levels, and widths."""
+    """What the matches of a search are judged by: appearance of the edges, and the values of the config."""
 
     appearance: Array
-    weak_step: float
-    widths: Widths
+    values: KernelConfig
 
     def fit(self, searched: Searched, at: Located) -> Fit:
         """The fit to the matches of a search, at an estimate from them, with the support that they have."""
         problem, aligned, found, chosen = searched
         points, correlation, matched = problem.points, aligned.matches.correlation, found.estimate.weighting
-        share = support(
+        (R, t, step, sums, weighting), n = at.estimate, len(points.points)
+        seen = unchecked(judge)(
             found.measured,
             problem.counts,
-            matched.weight,
-            matched.patch_weight,
+            Weightings(matched, weighting),
             correlation,
             self.appearance,
-            self.weak_step,
+            self.values,
         )
-        (R, t, step, sums, weighting), n = at.estimate, len(points.points)
-        evidence = self.found(searched, weighting)
         middle = points.points[n // 2] if n else np.full(3, np.nan)
         return Fit(
             Pose(R, t),
             inverse6(step.information),
-            share.whole,
+            seen.support,
             n,
-            int(np.count_nonzero(found.measured.candidates.distance < np.inf)),
-            int(np.count_nonzero(weighting.weight) + np.count_nonzero(weighting.patch_weight)),
+            seen.candidates,
+            seen.inliers,
             float(R[2] @ middle + t[2]),
-            share.edges,
+            seen.edge_support,
             float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
-            chance(evidence),
-            evidence,
+            seen.chance,
+            self.found(searched, weighting),
             FitResiduals(
                 points,
                 chosen,
@@ -66,7 +65,9 @@ class Judge(NamedTuple):
     def parts(self, searched: Searched) -> Array:
         """Part (n,) of each control point that a search found."""
         found = searched.found
-        return found_parts(found.measured, found.estimate.weighting.weight, self.appearance, self.weak_step)
+        return found_parts(
+            found.measured, found.estimate.weighting.weight, self.appearance, self.values.appearance.weak_step_grey
+        )
 
     def log10_chance(self, searched: Searched) -> float:
         """Decimal logarithm of the bound on the probability that a random pose finds as much as a search did."""
@@ -81,6 +82,6 @@ class Judge(NamedTuple):
             weighting.weight,
             weighting.patch_weight,
             aligned.matches.correlation,
-            self.widths.last_px,
-            self.widths.fine_half_px,
+            self.values.widths.last_px,
+            self.values.widths.fine_half_px,
         )

@@ -11,7 +11,8 @@ from uavbench.tracker.robust.config.edges import (
     WeightConfig,
 )
 from uavbench.tracker.robust.config.solver import EstimatorConfig
-from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.tracker.robust.kernel_values import kernel_type, kernel_values
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
 
 
@@ -19,7 +20,7 @@ class Widths(NamedTuple):
     """Cutoffs of Tukey's biweight in px, in order, for each fit of a frame.
 
     last_px: the last one of all; trusted_px: residual up to which a match is believed; fine_half_px: half length of the
-    search lines of the short search.
+    search lines of the short search; separate_px: distance from which on edges do not disturb each other.
     """
 
     coarse: Array
@@ -28,6 +29,7 @@ class Widths(NamedTuple):
     last_px: float
     trusted_px: float
     fine_half_px: float
+    separate_px: float
 
     @classmethod
     def of(cls, estimator: EstimatorConfig) -> "Widths":
@@ -40,17 +42,19 @@ class Widths(NamedTuple):
             float(fine[-1]),
             estimator.trusted_px,
             estimator.fine_half_px,
+            float(estimator.separate_px),
         )
 
 
 class KernelConfig(NamedTuple):
-    """Values of the stages, each as returned by `kernel_values`."""
+    """Values of the stages, each as returned by `kernel_values`; spacing_px: distance of control points."""
 
     search: SearchConfig
     appearance: AppearanceConfig
     weights: WeightConfig
     estimator: EstimatorConfig
     widths: Widths
+    spacing_px: float
 
     @classmethod
     def of(cls, config: RobustConfig) -> "KernelConfig":
@@ -62,4 +66,17 @@ class KernelConfig(NamedTuple):
             kernel_values(edges.weights),
             kernel_values(solver.estimator),
             Widths.of(solver.estimator),
+            float(edges.sampling.spacing_px),
         )
+
+
+WIDTHS = named_tuple(Widths, "f1! f1! f1! f0 f0 f0 f0")
+KERNEL_CONFIG = named_tuple(
+    KernelConfig,
+    "search appearance weights estimator widths f0",
+    search=kernel_type(SearchConfig),
+    appearance=kernel_type(AppearanceConfig),
+    weights=kernel_type(WeightConfig),
+    estimator=kernel_type(EstimatorConfig),
+    widths=WIDTHS,
+)

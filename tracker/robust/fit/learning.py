@@ -18,6 +18,7 @@ from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
 from uavbench.tracker.robust.solver.response_kernels import response_seen
 from uavbench.tracker.robust.view import View
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -51,20 +52,26 @@ def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array
     Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
     """
     image, lines, used = seen
-    residual = used.weighting.residual - used.by_response @ used.step.to_response
+    residual, to_response = used.weighting.residual, used.step.to_response
+    if len(to_response):
+        residual = residual - used.by_response @ to_response
     looked_at = LookedAt(used.points.rows, residual, used.weighting.weight, used.steps)
     limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
-    return learn_appearance(image, lines, looked_at, covariance, appearance, limits, values.appearance)
+    return unchecked(learn_appearance)(image, lines, looked_at, covariance, appearance, limits, values.appearance)
 
 
-def learn_patches(memory: Memory, seen: Seen, fit: Fit, dt_s: float, good_support: float) -> None:
+def found_faces(texture: Texture, used: FitResiduals) -> Indices:
+    """Faces of the patches that a fit found."""
+    return texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
+
+
+def learn_patches(memory: Memory, seen: Seen, fit: Fit, faces: Indices, dt_s: float, good_support: float) -> None:
     """Update the patches and the biases with a fit, dt_s after the previous one; take new patches where they are due.
 
-    Patches are taken where the edges' support is good.
+    faces: of the patches that were found. Patches are taken where the edges' support is good.
     """
     texture, biases, pose = memory.texture, memory.biases, fit.cam_from_world
     image, lines, used = seen
-    faces = texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
     hits = texture.count_hits(used.chosen, used.weighting.patch_weight, used.correlation)
     if hits:
         twist = biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)

@@ -31,6 +31,7 @@ NO_MEASUREMENTS = EdgeMeasurements(
     np.zeros((0, 0)),
 )
 NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+NO_WEIGHTING = Weighting(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 CERTAIN = Chance(0.0, 0.0)
@@ -67,17 +68,6 @@ class Solution(NamedTuple):
     estimate: Estimate
     measured: EdgeMeasurements
     edges: EdgeOffsets
-
-
-class Located(NamedTuple):
-    """An estimate, by edges located between the pixels where steps (n,) of light locate a control point, 0 for none.
-
-    by_response (n, r): derivatives of their distances for the numbers of the response.
-    """
-
-    estimate: Estimate
-    steps: Indices
-    by_response: Array
 
 
 class Searched(NamedTuple):
@@ -136,7 +126,8 @@ class Fit:
     @cached_property
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
-        return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
+        pose = self.cam_from_world
+        return all(bool(np.isfinite(each).all()) for each in (pose.rotation, pose.translation, self.covariance))
 
     @property
     def covariance_of_told(self) -> Array:

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.solver.bias_state import BiasState
 from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array
 
 PRIOR_FREEDOM = 6.0
@@ -31,8 +30,8 @@ class UnitWeight:
         used = fit.residuals
         if used is None or not used.steps.any():
             return
-        response = used.step.to_response
-        seen = edge_spread(used.sums, used.edges, state, used.points.first, used.steps, response, fit.covariance)
+        response, first = used.step.to_response, used.points.first
+        seen = unchecked(edge_spread)(used.sums, used.edges, state, first, used.steps, response, fit.covariance)
         self.frames += 1
         new = max(self.rate, 1 / self.frames)
         self.spread = Spread(*((1 - new) * old + new * now for old, now in zip(self.spread, seen, strict=True)))
@@ -49,5 +48,7 @@ class UnitWeight:
 
     def covariance(self, of_fit: Array, camera: Camera) -> Array:
         """Covariance (6, 6) that is reported of a fit with a covariance: scaled, with the shift of the image."""
-        turned = (SHARED_PX / camera.fy) ** 2, (SHARED_PX / camera.fx) ** 2
-        return self.variance * of_fit + np.diag([0.0, 0.0, 0.0, *turned, 0.0])
+        reported = self.variance * of_fit + 0.0  # no number is a negative zero
+        reported[3, 3] += (SHARED_PX / camera.fy) ** 2
+        reported[4, 4] += (SHARED_PX / camera.fx) ** 2
+        return reported

@@ -21,6 +21,7 @@ from uavbench.tracker.robust.patches.corner_kernels import KeepOut, faces_of_all
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
 from uavbench.tracker.robust.patches.patch_kernels import Ages, align, choose, count_hits, shift_places
 from uavbench.tracker.robust.view import View
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 MAX_PATCHES = 600
@@ -61,19 +62,19 @@ class Texture:
     def choose(self, view: View) -> None:
         """Select the patches to search in a view: on visible faces, inside the image, those with most hits first."""
         planes, triangles = self.edges.planes, self.edges.triangles
-        self.chosen = choose(self.patches, self.count, planes, triangles, view, MOST_USED, self.alignment)
+        self.chosen = unchecked(choose)(self.patches, self.count, planes, triangles, view, MOST_USED, self.alignment)
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
         ages = Ages(self.now_s, self.young_s)
-        return align(image, self.patches, self.chosen, ages, view, self.noise_grey, self.alignment)
+        return unchecked(align)(image, self.patches, self.chosen, ages, view, self.noise_grey, self.alignment)
 
     def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
         """Number of the chosen patches (m,) that were inliers; those missed too often are removed.
 
         weights (m,): > 0 for inliers; correlation (m,): < 0 for patches that were not searched.
         """
-        hits = count_hits(self.patches, chosen, weights, correlation, MAX_MISSES)
+        hits = unchecked(count_hits)(self.patches, chosen, weights, correlation, MAX_MISSES)
         if hits.any_lost:
             self._keep(self.patches.missed[: self.count] <= MAX_MISSES)
         return hits.number
@@ -84,7 +85,7 @@ class Texture:
         """
         seen = np.zeros(len(self.edges.planes), dtype=np.bool_)
         seen[faces] = True
-        shift_places(self.patches, self.count, seen, twist, self.view.at(pose), self.alignment)
+        unchecked(shift_places)(self.patches, self.count, seen, twist, self.view.at(pose), self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges.

@@ -79,7 +79,7 @@ def add_to_kind(state: BiasState, e: int, k: int, times: float, kinds: KindSums)
         kinds.cross[k, i] += state.signs[e] * part * state.cross[e, i]
 
 
-@compiled("state i1 f1 f0", state=BIAS_STATE)
+@compiled("state i1! f1 f0", state=BIAS_STATE)
 def prior_offsets(state: BiasState, rows: Indices, variance_px2: Array, shared_part: float) -> EdgeOffsets:
     """Offsets of edges in view, rows (g,) of the state, with prior variances (g,).
 

@@ -22,6 +22,7 @@ from uavbench.tracker.robust.solver.bias_state import BiasesInView, BiasState, E
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -83,11 +84,11 @@ class NuisanceBiases:
         for array in (state.information, state.vector, state.cross, state.offset_information, state.offset_vector):
             array *= 1.0 - self.config.forgotten_part * new
         part = new * observability(np.ascontiguousarray(sums.edge_information[:6, :6]), sums.patch_information)
-        accumulate(state, edges, sums, to_patches, R, t, part)
+        unchecked(accumulate)(state, edges, sums, to_patches, R, t, part)
         return self.follow(np.zeros(len(state.vector) - 6), pose)
 
     def follow(self, moved: Array, pose: Pose) -> Array:
         """Follow a change (r,) of the response by which edges are located; the patches' error as a twist (6,)."""
-        error = centre(self.state, moved, pose.rotation, pose.translation)
+        error = unchecked(centre)(self.state, moved, pose.rotation, pose.translation)
         self.known = error.known
         return error.twist

@@ -14,6 +14,7 @@ from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
 from uavbench.tracker.robust.solver.response_state import KnownResponse
 from uavbench.tracker.robust.view import View
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
@@ -32,6 +33,9 @@ class Weighting(NamedTuple):
     residual: Array
     weight: Array
     patch_weight: Array
+
+
+WEIGHTING = named_tuple(Weighting, "f1! f1! f1!")
 
 
 @inlined
