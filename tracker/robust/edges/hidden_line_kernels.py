@@ -76,17 +76,16 @@ def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face
             return likely
     tiny = 1e-300  # keeps 0 * inf out of the slab test below
     i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
+    x, y, z = eye[0], eye[1], eye[2]
+    from0, from1, from2 = int(i0 < 0.0), int(i1 < 0.0), int(i2 < 0.0)  # the side of a box that the ray enters by
     stack[0] = 0
     depth = 1
     while depth > 0:
         depth -= 1
-        node = stack[depth]
-        a, b = (boxes[node, 0, 0] - eye[0]) * i0, (boxes[node, 1, 0] - eye[0]) * i0
-        near, far = min(a, b), max(a, b)
-        a, b = (boxes[node, 0, 1] - eye[1]) * i1, (boxes[node, 1, 1] - eye[1]) * i1
-        near, far = max(near, min(a, b)), min(far, max(a, b))
-        a, b = (boxes[node, 0, 2] - eye[2]) * i2, (boxes[node, 1, 2] - eye[2]) * i2
-        near, far = max(near, min(a, b)), min(far, max(a, b))
+        node = np.uint32(stack[depth])
+        box = boxes[node]
+        near = max(max((box[from0, 0] - x) * i0, (box[from1, 1] - y) * i1), (box[from2, 2] - z) * i2)
+        far = min(min((box[1 - from0, 0] - x) * i0, (box[1 - from1, 1] - y) * i1), (box[1 - from2, 2] - z) * i2)
         if near > far or far < 0.0 or near > 1.0 - MARGIN:
             continue
         if nodes[node, 0] >= 0:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
-from uavbench.tracker.robust.solver.sum_kernels import add_row
+from uavbench.tracker.robust.solver.sum_kernels import add_row_of_pose
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -54,13 +54,13 @@ def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier
                     d = distance[p, c]
                     break
                 pick -= 1
-        add_row(A, b, J[p], d, information)
+        add_row_of_pose(A, b, J[p], d, information)
         near = np.inf
         for c in range(k):
             if abs(distance[q, c] - d) < abs(near - d):
                 near = distance[q, c]
         if q != p and near < np.inf:
-            add_row(A, b, J[q], near, information)
+            add_row_of_pose(A, b, J[q], near, information)
 
 
 @compiled("measured f1 f2 f0 f0", inner=True, measured=EDGE_MEASUREMENTS)
