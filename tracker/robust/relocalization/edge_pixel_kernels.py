@@ -52,3 +52,11 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
             near = bin_ + (1 if turn - math.floor(turn) > 0.5 else -1)
             out[near % ORIENTATIONS, i, j] = 0
     return out
+
+
+@compiled("s2 s0 s0 u2!")
+def truncate(distance: NDArray[np.float32], most: np.float32, scale: np.float32, out: NDArray[np.uint8]) -> None:
+    """Distances (h, w) as parts of the largest one that counts, times a scale, into whole numbers (h, w)."""
+    for i in range(distance.shape[0]):
+        for j in range(distance.shape[1]):
+            out[i, j] = np.uint8(np.int32(min(distance[i, j] / most, np.float32(1.0)) * scale))

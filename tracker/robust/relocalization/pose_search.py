@@ -20,7 +20,7 @@ from uavbench.tracker.robust.config.relocalization import SMALL_WIDTH
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
-from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_channels
+from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_channels, truncate
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     FAR,
     MIN_POINTS,
@@ -174,9 +174,10 @@ class PoseSearch:
             small = cv2.remap(small, self.maps.x, self.maps.y, cv2.INTER_LINEAR)
         small = small[..., None] if small.ndim == 2 else small
         channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.least_gradient)
-        far = np.array([cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels])
-        distance = np.asarray(np.minimum(far / self.config.truncation_px, 1.0) * FAR, dtype=np.uint8)
-        return Target(distance, self.sigma_cost / sigma_px**2)
+        most, far = np.float32(self.config.truncation_px), np.float32(FAR)
+        for channel in channels:
+            truncate(cv2.distanceTransform(channel, cv2.DIST_L2, 3), most, far, channel)
+        return Target(channels, self.sigma_cost / sigma_px**2)
 
     def best_of(self, target: Target, guess: RigidMotion, block: Block, most: int) -> Scored:
         """The best poses of a block around a guess, within `most` evaluations."""
