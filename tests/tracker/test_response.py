@@ -98,7 +98,7 @@ def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
     def found(value):
         state.mean = value * np.eye(NUMBERS)[number]
         state.locate()
-        sums = room_for(6, NUMBERS)
+        sums = room_for(6, NUMBERS, 2)
         learned_light(row, 3, state.light, colour)
         at = fit_step(image, np.atleast_2d(lines), 0.2, Strip(2, 2, Optics(state.light, BLUR_PX)), colour, sums)
         return at.distance, sums.by_response[number]

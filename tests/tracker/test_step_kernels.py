@@ -43,9 +43,8 @@ def strip(gap, distance, angle_deg, middle=0.3):
 
 
 def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB[None]):
-    return fit_step(
-        image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room_for(6, len(light) - 1)
-    )
+    room = room_for(6, len(light) - 1, 2)
+    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room)
 
 
 def direction():
@@ -53,6 +52,14 @@ def direction():
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
     colour = np.empty(3)
     return learned_light(row, 3, SRGB[None], colour), colour
+
+
+@pytest.mark.parametrize("start", [-0.2, 0.1, 0.6, 3.0])
+@pytest.mark.parametrize("angle", [20, 110])
+def test_an_edge_alone_is_fitted_as_among_others_to_the_bit(angle, start):
+    image, line = edge(0.3, angle, 2.0, np.random.default_rng(0))
+    colour, unmoved = direction()[1], np.stack([SRGB, np.zeros(256)])
+    assert fit(image, line, start, colour) == fit(image, line, start, colour, light=unmoved)  # with a derivative of 0
 
 
 @pytest.mark.parametrize("angle", [0, 20, 45, 70, 90, 135, 200, 310])

@@ -50,6 +50,8 @@ def called_from_python(module, tree):
             continue
         if isinstance(node, ast.Call):
             function = node.func
+            if isinstance(function, ast.Call) and getattr(function.func, "id", "") == "unchecked":
+                (function,) = function.args
             if isinstance(function, ast.Name) and function.id in named:
                 yield named[function.id]
             elif isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):

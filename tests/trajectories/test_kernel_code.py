@@ -9,11 +9,13 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from numba.core.caching import NullCache
 
 from uavbench.scenes.rendering.antialiasing.coverage import antialias
-from uavbench.trajectories.kernels.compiled import Kernel
+from uavbench.tracker.geometry_kernels import inverse6
+from uavbench.trajectories.kernels.compiled import Kernel, unchecked
 
 TERMS = "\n".join(f"    total += values[{k % 4}] * {k}.0 + len(values)" for k in range(30))
 KERNELS = f"""from uavbench.trajectories.kernels.compiled import compiled
@@ -103,3 +105,15 @@ def test_an_inlined_function_is_not_called():
     (code,) = kernel.overloads.values()
     called = set(re.findall(r"call [^\n]*?(_find_borders|one_surface)", code.library.get_llvm_str()))
     assert called == {"_find_borders"}
+
+
+def test_an_unchecked_kernel_gives_the_same_and_refuses_numbers_of_another_size():
+    A = np.diag(np.arange(1.0, 7.0))
+    np.testing.assert_array_equal(unchecked(inverse6)(A), inverse6(A))
+    for wrong in (A.astype(np.float32), None):
+        with pytest.raises((TypeError, ValueError)):
+            unchecked(inverse6)(wrong)
+
+
+def test_what_is_no_kernel_is_called_as_it_is():
+    assert unchecked(len) is len

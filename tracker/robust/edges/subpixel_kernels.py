@@ -64,6 +64,7 @@ FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
 
 @compiled(
     "u3 lines points f2 fitted optics weights",
+    inner=True,
     lines=SEARCH_LINES,
     points=CONTROL_POINTS,
     fitted=FITTED_POINTS,

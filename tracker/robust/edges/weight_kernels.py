@@ -116,7 +116,7 @@ def known_rows(parts: Indices, appearance: Array) -> Indices:
     return rows
 
 
-@compiled("i1 f2 f0 weights", weights=WEIGHTS)
+@compiled("i1 f2 f0 weights", inner=True, weights=WEIGHTS)
 def contrast_weights(rows: Indices, appearance: Array, weak_step: float, config: WeightConfig) -> Array:
     """Weight (n,) of each control point: less where contrast is low or appearance is not learned yet.
 
@@ -158,7 +158,7 @@ class PointWeights(NamedTuple):
     counts: Array
 
 
-@compiled("lines points f2 f0 f0 weights", lines=SEARCH_LINES, points=CONTROL_POINTS, weights=WEIGHTS)
+@compiled("lines points f2 f0 f0 weights", inner=True, lines=SEARCH_LINES, points=CONTROL_POINTS, weights=WEIGHTS)
 def weights_in_view(
     at: SearchLines,
     points: ControlPoints,
@@ -198,7 +198,7 @@ def point_variances(
     return own
 
 
-@compiled("measured f2 f0 weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
+@compiled("measured f2 f0 weights", inner=True, measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
 def offset_variances(measured: EdgeMeasurements, appearance: Array, looks: float, config: WeightConfig) -> Array:
     """Prior variance (g,) in px^2 of the offset shared by all control points of an edge.
 
@@ -244,7 +244,7 @@ def found_parts(measured: EdgeMeasurements, weights: Array, appearance: Array, w
     return parts
 
 
-@compiled("measured f1 f1 f1 f1 f2 f0", measured=EDGE_MEASUREMENTS)
+@compiled("measured f1 f1 f1 f1 f2 f0", inner=True, measured=EDGE_MEASUREMENTS)
 def support(
     measured: EdgeMeasurements,
     counts: Array,
