@@ -99,9 +99,12 @@ def test_it_ends_where_budgets_are_too_small_for_a_fit():
     assert doubts.surrounded and doubts.in_vain == 0
 
 
-@pytest.mark.parametrize(("turn_rad", "more", "counted"), [(0.0, 0.02, 32), (0.06, 0.02, 0), (0.06, -0.02, 32)])
-def test_a_pose_elsewhere_of_more_support_begins_the_count_again(monkeypatch, turn_rad, more, counted):
-    """Neither a pose at the same place nor one of less support tells that the view leaves the pose open."""
+@pytest.mark.parametrize(
+    ("turn_rad", "more", "counted"),
+    [(0.0, 0.02, 32), (0.06, 0.02, 0), (0.06, -0.04, 0), (0.06, -0.05, 32), (0.0, -0.04, 32)],
+)
+def test_a_pose_elsewhere_of_about_as_much_support_begins_the_count_again(monkeypatch, turn_rad, more, counted):
+    """Neither a pose at the same place nor one of clearly less support tells that the view leaves the pose open."""
     there = Doubted()
     base = there.held(there.true)
     elsewhere = replace(base, cam_from_world=off(there.true, 0.0, turn_rad), support=base.support + more)

@@ -70,6 +70,10 @@ def test_at_the_prediction_there_is_the_fit_alone(fit):
     assert log10_poses_as_near(fit, Motion(fit.cam_from_world, np.eye(6))) == 0.0
 
 
+def test_a_prediction_of_no_covariance_excludes_no_pose(fit):
+    assert log10_poses_as_near(fit, Motion(away(fit, ALONG), np.zeros((6, 6)))) == np.inf
+
+
 @pytest.mark.parametrize(("twist", "holds"), [(0.01 * ALONG, True), (ALONG, False)])
 def test_few_edges_are_believed_near_the_prediction_alone(run, fit, twist, holds):
     """As where an occluder hides the rest, and a track at 5 Hz meets the line of a floor or of a skirting board."""

@@ -16,12 +16,14 @@ def log10_poses_as_near(fit: Fit, predicted: Motion) -> float:
     """Decimal logarithm of the number of poses as near to a prediction as a fit that look different, at least 0.
 
     Two poses look different where the control points are apart by the width within which an edge is found, in the root
-    mean square; 0 without control points.
+    mean square; 0 without control points, inf where the covariance is not positive definite.
     """
     if fit.searched is None or fit.evidence is None or not len(fit.searched.problem.lines.jacobian):
         return 0.0
+    away = predicted.squared_mahalanobis(fit.cam_from_world)
+    if not math.isfinite(away):
+        return math.inf
     seen = fit.searched.problem.lines.jacobian / fit.evidence.width_px
     root = np.linalg.cholesky(predicted.covariance)
     along = np.linalg.eigvalsh(root.T @ (seen.T @ seen / len(seen)) @ root)
-    squares = along * predicted.squared_mahalanobis(fit.cam_from_world)
-    return 0.5 * sum(math.log10(square) for square in squares.tolist() if square > 1.0)
+    return 0.5 * sum(math.log10(square) for square in (along * away).tolist() if square > 1.0)

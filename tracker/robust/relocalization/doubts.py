@@ -23,8 +23,8 @@ MOST_FRAMES = 15
 class Doubts:
     """Poses around a tracked one, fitted without memory in as many frames as that takes.
 
-    A pose is doubted until enough poses in succession led to none of more support, and until one of the frames leaves
-    no doubt that it was not found by chance.
+    A pose is doubted until enough poses in succession led to none of about as much support elsewhere, and until one of
+    the frames leaves no doubt that it was not found by chance.
     """
 
     def __init__(self, relocator: Relocator) -> None:
@@ -88,7 +88,10 @@ class Doubts:
         return best
 
     def best_around(self, image: Image, base: Fit, range_m: float) -> Fit:
-        """The best of a fit and those from poses around it; one of more support elsewhere begins the count again."""
+        """The best of a fit and those around it; one elsewhere of about as much support begins the count again.
+
+        Such a view leaves the pose open, however consistent what is learned at the tracked one becomes.
+        """
         config, best = self.config.relocalization, base
         assert base.focus is not None
         wide = isotropic_covariance(config.found_sigma, range_m)
@@ -96,7 +99,7 @@ class Doubts:
             self.in_vain, self.tried = self.in_vain + 1, self.tried + 1
             pose = Pose(*self.searcher.nearby(motion(base.cam_from_world), base.focus, self.tried))
             found = self.innocent.searched(image, pose, wide, StageClock(), self.searcher.half_px)
-            if not (found.finite and found.support > base.support):
+            if not (found.finite and found.support > base.support - config.lead_of_rivals):
                 continue
             if not self.turned.ends_at(base, found, range_m):
                 self.in_vain = 0
