@@ -429,15 +429,103 @@ def test_a_folder_that_is_replaced_is_never_lost_whenever_the_process_ends(tmp_p
     assert (folder / "frames.csv").read_text() == ("new" if at == ("rename_new", "after") else old)
 
 
+def left_by_a_dead_process(folder, *endings, name="a", machine="anothermachine"):
+    """Leftovers of a process in a folder, each with a file in it; returns their common name."""
+    stem = f".{name[:40]}-uavbench-{'3' * 32}"
+    for ending in endings:
+        (folder / (stem + ending)).mkdir()
+        (folder / (stem + ending) / "thesis.tex").write_bytes(PRECIOUS)
+    (folder / f"{stem}.owner").symlink_to(f"uavbench {machine} 99999999 345 {'3' * 32} {name}")
+    return stem
+
+
+@pytest.mark.parametrize("name", ["a", " a  b ", "a\nb", os.fsdecode(b"\xff\xfe"), "\U0001f681" * 63, "x" * 255])
+def test_what_was_set_aside_is_put_back_whatever_its_name(tmp_path, name):
+    left_by_a_dead_process(tmp_path, "", ".replaced", name=name)
+    remove_leftovers(tmp_path, alone=True)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name / "thesis.tex").read_bytes() == PRECIOUS
+
+
 def test_what_was_set_aside_does_not_take_the_place_of_what_stands_there_now(tmp_path):
-    token = "3" * 32
-    for name in (".replaced", ""):
-        (tmp_path / f".a-uavbench-{token}{name}").mkdir()
-    (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench anothermachine 12 345 {token} a")
+    """The process may have ended while it checked whether a user's files are in it: they are kept, as if it lived."""
+    left_by_a_dead_process(tmp_path, "", ".replaced")
     (tmp_path / "a").write_bytes(PRECIOUS)
     remove_leftovers(tmp_path, alone=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "a.kept-1"}
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "a.kept-1" / "thesis.tex").read_bytes() == PRECIOUS
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_what_has_been_replaced_does_not_come_back(tmp_path, moved):
+    """Its process ended while it removed it, and the new one may have been moved elsewhere since."""
+    left_by_a_dead_process(tmp_path, ".replaced")
+    if not moved:
+        (tmp_path / "a").mkdir()
+    remove_leftovers(tmp_path, alone=True)
+    assert [path.name for path in tmp_path.iterdir()] == ([] if moved else ["a"])
+
+
+def test_what_cannot_be_put_back_stays_and_the_rest_is_removed(tmp_path, monkeypatch):
+    stem = left_by_a_dead_process(tmp_path, "", ".replaced")
+    left_by_a_dead_process(tmp_path, "", name="b")
+
+    def refuse(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("uavbench.trajectories.files.placing.rename_new", refuse)
+    remove_leftovers(tmp_path, alone=True)
+    assert {path.name for path in tmp_path.iterdir()} == {stem, f"{stem}.replaced", f"{stem}.owner"}
+
+
+def test_a_second_interrupt_does_not_lose_what_is_replaced(tmp_path, monkeypatch):
+    make(tmp_path / "a", "frames.csv")
+    monkeypatch.setattr(writing, "rename_new", interrupt)
+    exists = Path.exists
+    monkeypatch.setattr(Path, "exists", lambda path: interrupt() if "-uavbench-" in path.name else exists(path))
+    with pytest.raises(KeyboardInterrupt):
+        make(tmp_path / "a", "other.csv")
+    monkeypatch.undo()
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    assert (tmp_path / "a").read_bytes() == PRECIOUS
+    assert (tmp_path / "a" / "frames.csv").read_text() == "frames.csv"
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    "name", ["a.owner", "a.replaced", "\U0001f681" * 43 + "." + "\U0001f681" * 19, "a." + "b" * 200]
+)
+def test_files_and_folders_of_any_name_are_written_and_replaced(tmp_path, name):
+    for _ in range(2):
+        make(tmp_path / name, "frames.csv")
+    with new_file(tmp_path / "in" / name) as new:
+        new.write_text("x")
+    assert {path.name for path in tmp_path.iterdir()} == {"in", name}
+    assert [path.name for path in (tmp_path / "in").iterdir()] == [name]
+
+
+def test_a_folder_that_is_not_writable_stays_so(tmp_path):
+    """Write permission is taken within what is removed, never of the folder that it is in."""
+    folder, user, nobody = tmp_path / "in", os.geteuid(), 65534
+    folder.mkdir()
+    left_by_a_dead_process(folder, "", machine=temporary_names._machine())
+    if user == 0:  # who may write everywhere
+        for path in (folder, *folder.rglob("*")):
+            os.chown(path, nobody, nobody, follow_symlinks=False)
+        for above in tmp_path.parents[:2]:
+            above.chmod(0o755)
+        tmp_path.chmod(0o755)
+    folder.chmod(0o555)
+    try:
+        if user == 0:
+            os.seteuid(nobody)
+        temporary_names.clean_once(folder)
+    finally:
+        os.seteuid(user)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o555
+    assert len(list(folder.iterdir())) == 2
 
 
 @pytest.mark.parametrize("name", ["../a", "..", "b/c", ""])

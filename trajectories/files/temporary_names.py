@@ -3,7 +3,7 @@
 `.NAME-uavbench-TOKEN.owner` is created before `.NAME-uavbench-TOKEN`: a dangling symbolic link whose target names the
 token, the process and the whole NAME. Links are created atomically, so every name with a token belongs to the process
 in its link; the link is removed last. Only names with the token of a dead process are ever removed. What a dead process
-had set aside to replace it, and did not replace, is put back.
+had set aside to replace it, and did not replace, since what it made is still there, is put back.
 """
 
 import contextlib
@@ -21,15 +21,16 @@ from functools import cache
 from pathlib import Path
 
 from uavbench.trajectories.errors import DISK_ERRORS
-from uavbench.trajectories.files.placing import rename_new
+from uavbench.trajectories.files.placing import give_back
 
 OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
 TEMPORARY = re.compile(r"\..*-uavbench-[0-9a-f]{32}(\..*)?", re.DOTALL)
-LONGEST = 40
-"""Characters of a name that its temporary name repeats, so that the whole stays below 255 bytes."""
-
+LONGEST, LONGEST_SUFFIX = 40, 20
+"""Characters of a name, and bytes of a suffix, that a temporary name repeats: it stays below 255 bytes."""
 REPLACED = ".replaced"
 """Ending of the temporary name of what is replaced."""
+OWNED = ".owner"
+"""Ending of the name of an owner."""
 LONGEST_OWNER = 1000
 """Maximum length of an owner file in bytes, where the file system has no links."""
 _cleaned: set[Path] = set()
@@ -53,8 +54,9 @@ def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
     clean_once(path.parent)
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
-    owner = path.with_name(f"{stem}.owner")
-    own = Temporary(path.with_name(stem + path.suffix[: LONGEST // 2]), path.with_name(stem + REPLACED))
+    owner = path.with_name(stem + OWNED)
+    keeps = path.suffix not in (OWNED, REPLACED) and len(os.fsencode(path.suffix)) <= LONGEST_SUFFIX
+    own = Temporary(path.with_name(stem + path.suffix * keeps), path.with_name(stem + REPLACED))
     text = f"uavbench {_machine()} {os.getpid()} {start_ticks(os.getpid())} {token} {path.name}"
     try:
         owner.symlink_to(text)
@@ -69,6 +71,8 @@ def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
             error.filename = str(error.filename or told or path).replace(str(own.made), str(told or path))
         raise
     finally:
+        if os.path.lexists(own.made):  # else what was replaced has been
+            give_back(own.replaced, path)
         if _remove(own.made) and _remove(own.replaced):
             owner.unlink(missing_ok=True)
 
@@ -90,9 +94,9 @@ def clean_once(folder: Path) -> None:
 def remove_leftovers(folder: Path, *, alone: bool) -> None:
     """Remove temporary files of dead processes from a folder, not from its subfolders.
 
-    What such a process had renamed in order to replace it goes back to its name, unless that is taken: then the process
-    died after it had put the new one there. alone: no other process works there, so that owners on other machines are
-    dead too. Safe to run concurrently.
+    What such a process had renamed in order to replace it goes back to its name (`give_back`), unless what it had made
+    is gone: then that was put there. alone: no other process works there, so that owners on other machines are dead
+    too. What may not be removed, as that of another user, stays. Safe to run concurrently.
     """
     try:
         names = os.listdir(folder)  # noqa: PTH208 - a folder of thousands of names
@@ -103,14 +107,15 @@ def remove_leftovers(folder: Path, *, alone: bool) -> None:
         owner = None if found is None else Owner.of(folder / name, found[1])
         if owner is None or not owner.is_dead(alone):
             continue
-        stem = name.removesuffix(".owner")
-        if owner.path_name:
-            with contextlib.suppress(OSError):  # its name is taken, or another process was faster
-                rename_new(folder / (stem + REPLACED), folder / owner.path_name)
-        of_it = [other for other in names if other.startswith(stem) and other != name]
-        gone = [_remove(folder / other) for other in of_it]
-        if all(gone):
-            (folder / name).unlink(missing_ok=True)
+        stem = name.removesuffix(OWNED)
+        with contextlib.suppress(OSError):  # it may not be changed, or another process was faster
+            now = os.listdir(folder)  # noqa: PTH208 - the process may have ended since the first listing
+            of_it = [other for other in now if other.startswith(stem) and other != name]
+            if owner.path_name and {*of_it} > {stem + REPLACED}:
+                give_back(folder / (stem + REPLACED), folder / owner.path_name)
+            gone = [_remove(folder / other) for other in of_it]
+            if all(gone):
+                (folder / name).unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,9 @@ class Owner:
         except (OSError, ValueError):
             return None
         path_name = "".join(rest)
-        if ours != "uavbench" or named != token or not pid.isdecimal() or "/" in path_name or path_name in (".", ".."):
+        if ours != "uavbench" or named != token or not pid.isdecimal() or path_name in (".", ".."):
+            return None
+        if "/" in path_name or "\0" in path_name:
             return None
         return cls(machine, pid, start, path_name)
 
@@ -176,19 +183,21 @@ def _machine() -> str:
 
 def _remove(path: Path) -> bool:
     """Remove a file or folder; returns whether it is gone."""
+
+    def make_writable(remove: object, name: str, error: object) -> None:
+        """Retry with write permission within the folder; what another process has removed meanwhile is no error."""
+        at = Path(name)
+        with contextlib.suppress(OSError):
+            if at != path:
+                at.parent.chmod(0o700)
+            if at.is_dir() and not at.is_symlink():
+                at.chmod(0o700)
+                shutil.rmtree(at, ignore_errors=True)
+            else:
+                at.unlink(missing_ok=True)
+
     if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, onerror=_make_writable)
+        shutil.rmtree(path, onerror=make_writable)
     else:
         path.unlink(missing_ok=True)
     return not os.path.lexists(path)
-
-
-def _make_writable(remove: object, name: str, error: object) -> None:
-    """Retry a removal with write permission; a file that another process has removed meanwhile is not an error."""
-    with contextlib.suppress(OSError):
-        Path(name).parent.chmod(0o700)
-        if Path(name).is_dir() and not Path(name).is_symlink():
-            Path(name).chmod(0o700)
-            shutil.rmtree(name, ignore_errors=True)
-        else:
-            Path(name).unlink(missing_ok=True)

@@ -22,7 +22,7 @@ from uavbench.trajectories.files.origin import (
     refuse_no_folder,
     refuse_within_whole,
 )
-from uavbench.trajectories.files.placing import give_back, put_file, rename_new, take_away
+from uavbench.trajectories.files.placing import put_file, rename_new, take_away
 from uavbench.trajectories.files.seals import seal
 from uavbench.trajectories.files.temporary_names import clean_once, temporary
 
@@ -83,15 +83,11 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
         own.made.chmod(0o755)
         for below in {own.made, *((own.made / name).parent for name in names)}:
             _sync(below)
+        _set_aside(path, own.replaced, marker)
         try:
-            _set_aside(path, own.replaced, marker)
             rename_new(own.made, path)
-        except BaseException as error:
-            if own.made.exists() and own.replaced.exists():  # an interrupt may come after the second rename
-                give_back(own.replaced, path)
-            if isinstance(error, FileExistsError):
-                raise UserError(f"{path}: was made by something else meanwhile; choose another folder") from None
-            raise
+        except FileExistsError:
+            raise UserError(f"{path}: was made by something else meanwhile; choose another folder") from None
         _sync(path.parent)
     _note(path / name for name in tree(path))
 
