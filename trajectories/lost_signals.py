@@ -59,20 +59,21 @@ def lost_signals_raised_again() -> Iterator[None]:
         yield
     finally:
         _raised.clear()
+        _lost.clear()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = hook
         signal.signal(signal.SIGALRM, handler)
 
 
 def _raise_again(*_: Any) -> None:
-    if _lost:
-        raise _lost.pop()
-    if not _raised:
+    error = next(iter((*_lost, *_raised)), None)
+    _lost.clear()
+    if error is None:
         return
-    if _passes(_raised[0]):
+    if _raised:
         signal.setitimer(signal.ITIMER_REAL, RETRY_S)
-    else:
-        raise_until_handled(_raised[0].with_traceback(None))
+    if not _passes(error):  # one that was lost in a finalizer may have been raised again, and pass
+        raise error.with_traceback(None)
 
 
 def _passes(error: BaseException) -> bool:

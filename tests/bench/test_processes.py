@@ -186,6 +186,17 @@ def cleaning_up():
         time.sleep(0.3)
         print("cleaned up")
 
+class Slow:
+    def __del__(self):
+        time.sleep(0.3)
+
+def with_a_slow_finalizer():
+    try:
+        [Slow(), os.kill(os.getpid(), signal.{signal}), time.sleep(600)]  # it ends before any handler runs
+    finally:
+        time.sleep(0.3)
+        print("cleaned up")
+
 def told_otherwise():
     from uavbench.trajectories.errors import UserError
     try:
@@ -205,6 +216,7 @@ Group("g", [click.command(name="c")({what})])(["c"])
     [
         ("caught_by_a_library", (130, "", "uavbench: interrupted; the same command goes on from here\n")),
         ("cleaning_up", (130, "cleaned up\n", "uavbench: interrupted; the same command goes on from here\n")),
+        ("with_a_slow_finalizer", (130, "cleaned up\n", "uavbench: interrupted; the same command goes on from here\n")),
         ("told_otherwise", (2, "", "uavbench: told otherwise\n")),
     ],
 )
