@@ -34,9 +34,10 @@ from tests.scenes.test_exports_by_own_readers import (
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports import shown_images
 from uavbench.scenes.exports.registry import export
+from uavbench.scenes.exports.ros import bag as bag_module
 from uavbench.scenes.exports.ros.bag_messages import header, link_of
 from uavbench.scenes.exports.ros.geodetic import Datum
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DiskError, UserError
 
 GNSS = '{ kind = "gnss", north_deg = 30.0, rate_hz = 10.0 },'
 
@@ -388,3 +389,21 @@ def test_without_rosbags_it_is_told_what_to_install(plain, tmp_path, monkeypatch
     with pytest.raises(UserError, match=r"pip install 'uavbench\[bags\]'"):
         export(Sequence.load(plain), "mcap", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [(None, UserError), ("SQLITE_CANTOPEN", UserError), ("SQLITE_FULL", DiskError)]
+)
+def test_what_sqlite_cannot_write_is_told(plain, tmp_path, monkeypatch, name, told):
+    """An error of Python's module, not of the library, has no name."""
+
+    def fail(*_):
+        error = sqlite3.ProgrammingError("what is wrong")
+        if name is not None:
+            error.sqlite_errorname = name
+        raise error
+
+    monkeypatch.setattr(bag_module, "_write", fail)
+    with pytest.raises(UserError, match="SQLite cannot write the bag: what is wrong") as error:
+        export(Sequence.load(plain), "rosbag2", tmp_path / "out")
+    assert type(error.value) is told

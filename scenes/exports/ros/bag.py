@@ -56,7 +56,7 @@ class BagExport:
         try:
             _write(topics, folder / "bag", self.storage, self._about(shown), lambda n: on_frame(n, len(shown.sequence)))
         except sqlite3.Error as error:
-            full = error.sqlite_errorname.startswith(("SQLITE_FULL", "SQLITE_IOERR"))
+            full = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_FULL", "SQLITE_IOERR"))
             raise (DiskError if full else UserError)(
                 f"{folder.parent}: SQLite cannot write the bag: {error}; free space, or choose another location"
             ) from None
