@@ -13,8 +13,7 @@ from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TRAJECTORY
-from uavbench.trajectories.files.reading import read_header
-from uavbench.trajectories.files.tables import line_of_row
+from uavbench.trajectories.files.tables import column_names, line_of_row
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import InvalidRowError, Trajectory
 from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
@@ -144,7 +143,7 @@ def _in_folder(folder: Path) -> Path:
 def _is_table(path: Path) -> bool:
     """Whether a file begins with the header of one of uavbench's tables."""
     try:
-        return "stamp_ns" in read_header(path, TRAJECTORY)
+        return "stamp_ns" in column_names(path, TRAJECTORY)
     except UserError:
         return False  # `read_trajectory` raises the error
 
@@ -162,7 +161,7 @@ def _of_table(path: Path) -> Found:
             return Found(Trajectory(stamps, values[:, :3], values[:, 3:]), path, "uavbench", frame)
         except InvalidRowError as error:
             raise UserError(f"{path}: line {line_of_row(path, error.row)}: {error.what}") from None
-    ok = [row["status"] == "ok" for row in rows]
+    ok = [row["status"].strip() == "ok" for row in rows]
     if not any(ok):
         raise UserError(f"{path}: holds no pose: no frame has the status ok")
     kept = [row for row, good in zip(rows, ok, strict=True) if good]
@@ -194,7 +193,9 @@ def _claimed(rows: list[dict[str, str]]) -> PoseCovariances | None:
 def _with_frames_beside(found: Found, *, claims: bool) -> Found:
     """A tracker's trajectory with the frames of the frames.csv beside it, and with its covariances if `claims`."""
     table = found.file.with_name("frames.csv")
-    if not (found.file.name.startswith("estimate_") and table.is_file() and "status" in read_header(table, TRAJECTORY)):
+    if not (
+        found.file.name.startswith("estimate_") and table.is_file() and "status" in column_names(table, TRAJECTORY)
+    ):
         return found
     beside = _of_table(table)
     if not np.array_equal(beside.trajectory.stamps_ns, found.trajectory.stamps_ns):

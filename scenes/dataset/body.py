@@ -20,7 +20,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_readings, read_records
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.gimbal.encoder import Encoder
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.pointing import Axes
@@ -172,7 +172,7 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
 
 def _columns(folder: Path, path: Path) -> tuple[str, ...]:
     if path.suffix == ".csv":
-        return tuple(read_header(path, TABLE, inside=folder))
+        return tuple(column_names(path, TABLE, inside=folder))
     return read_records(inside(folder, path.name)).dtype.names or ()
 
 

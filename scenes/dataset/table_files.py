@@ -12,7 +12,7 @@ from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.tables import Readings, integers, numbers, readings, table_rows
+from uavbench.trajectories.files.tables import Readings, integers, named_rows, numbers, readings
 from uavbench.trajectories.pose import Array
 
 FORMAT = 8
@@ -82,8 +82,7 @@ def _wrong(path: Path, key: str, value: Any, expected: str) -> UserError:
 
 def read_table(path: Path, columns: list[str]) -> list[dict[str, str]]:
     """Rows of a CSV file that has at least these columns; UserError naming the file and the line."""
-    with table_rows(path, columns, inside=path.parent) as (names, rows):
-        return [dict(zip(names, cells, strict=True)) for _, cells in rows]
+    return named_rows(path, columns, inside=path.parent)
 
 
 def read_numbers(path: Path, columns: list[str]) -> Array:

@@ -15,7 +15,7 @@ from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.errors import UserError, one_line
 from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
@@ -107,7 +107,7 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     folder = sequence.body_folder
     for path in sorted(folder.glob("imu*.csv")):
         sensors.setdefault(path.name, {})
-    heads = {name: read_header(folder / name, TABLE, inside=folder) for name in sensors}
+    heads = {name: column_names(folder / name, TABLE, inside=folder) for name in sensors}
     for name, imu in sensors.items():
         missing = [column for column in ("stamp_ns", *READINGS) if column not in heads[name]]
         if missing and str(imu.get("kind", "")).startswith("imu"):
@@ -190,7 +190,7 @@ def true_state(sequence: Sequence, columns: Iterable[str] = STATE) -> TrueStates
 
 def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:
     """True biases (n, 6) of an IMU at stamps, linear between its readings; zeros where it has none."""
-    if not set(BIASES) <= set(read_header(readings, TABLE)):
+    if not set(BIASES) <= set(column_names(readings, TABLE)):
         return np.zeros((len(stamps_ns), 6))
     at, biases = read_readings(readings, BIASES)
     if not len(at):

@@ -14,7 +14,7 @@ from uavbench.scenes.dataset.table_files import read_records
 from uavbench.scenes.exports.notes import sensors_of, tables_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.ranging import LaserRanging
 
@@ -109,7 +109,7 @@ def range_finders_of(sequence: Sequence) -> dict[str, Laser]:
     """The laser range finders of a sequence, by the files of their readings."""
     folder, tables = sequence.body_folder, tables_of(sequence)
     lasers = {name: Laser(sequence, name, about) for name, about in tables.items() if set(about) >= OF_LASERS}
-    return {name: each for name, each in lasers.items() if RANGE in read_header(folder / name, TABLE, inside=folder)}
+    return {name: each for name, each in lasers.items() if RANGE in column_names(folder / name, TABLE, inside=folder)}
 
 
 def lidars_of(sequence: Sequence) -> dict[str, Lidar]:

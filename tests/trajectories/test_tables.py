@@ -5,7 +5,15 @@ import pytest
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import tables
-from uavbench.trajectories.files.tables import integers, line_of_row, numbers, readings, table_rows
+from uavbench.trajectories.files.tables import (
+    column_names,
+    integers,
+    line_of_row,
+    named_rows,
+    numbers,
+    readings,
+    table_rows,
+)
 
 COLUMNS = ["px_m", "py_m"]
 PLAIN = "stamp_ns,px_m,py_m\n10,1.5,-2\n20,2.5,-3\n"
@@ -23,13 +31,21 @@ PLAIN = "stamp_ns,px_m,py_m\n10,1.5,-2\n20,2.5,-3\n"
         "# frame: world_from_body\n\n" + PLAIN.replace("\n20", "\n# in between\n\n,,\n20").replace(",,\n", ""),
         "py_m,stamp_ns,note,px_m\n-2,10,a,1.5\n-3,20,b,2.5\n",
         PLAIN[:-1],
+        PLAIN.replace(",", '", "').replace("\n", '"\n"')[:-1].replace("stamp", '"stamp', 1),
+        '# "a, 5" pipe, "open\n' + PLAIN.replace("\n20", '\n# and, "here\n"# cm, m"\n20'),
+        PLAIN.replace("stamp_ns", "stamp_ns,note").replace("\n10", '\n10,5" pipe').replace("\n20", '\n20,"a ""b"""'),
     ],
-    ids=["plain", "Windows", "old Mac", "mark", "spaces", "quotes", "comments", "other order", "no last end"],
+    ids=[
+        *("plain", "Windows", "old Mac", "mark", "spaces", "quotes", "comments", "other order", "no last end"),
+        *("spaced quotes", "quotes in comments", "quotes in notes"),
+    ],
 )
 def test_dialects_of_one_table_are_read_alike(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_bytes(text.encode())
     assert numbers(path, COLUMNS).tolist() == [[1.5, -2.0], [2.5, -3.0]]
+    assert {"stamp_ns", *COLUMNS} <= set(column_names(path))
+    assert [row["px_m"].strip() for row in named_rows(path, COLUMNS)] == ["1.5", "2.5"]
     assert integers(path, ["stamp_ns"]).tolist() == [[10], [20]]
     assert integers(path, ["stamp_ns"]).dtype == np.int64
 
@@ -48,6 +64,13 @@ def test_dialects_of_one_table_are_read_alike(tmp_path, text):
         (PLAIN.replace("2.5", "2.5 m"), "line 3: px_m = '2.5 m' is not a number"),
         (PLAIN.replace("-3", "1_5"), "line 3: py_m = '1_5' is not a number"),
         (PLAIN.replace("-3", "x\x1b" + "y" * 900), r"line 3: py_m = .{20,60} is not a number"),
+        (
+            PLAIN.replace("-2", '"-2').replace("-3", '-3"'),
+            "line 2: a value begins with a quotation mark and does not end",
+        ),
+        ("# a\n" + PLAIN.replace("-3", '"-3'), "line 4: a value begins with a quotation mark"),
+        (PLAIN.replace("1.5", '"1,5"'), "line 2: px_m = '1,5' is not a number"),
+        (PLAIN.split("\n", 1)[1], "missing columns px_m, py_m$"),
         ("# a\n\n" + PLAIN.replace("\n20", "\n\n# b\n20").replace("-3", "?"), "line 7: py_m = '\\?' is not"),
     ],
 )
@@ -83,6 +106,15 @@ def test_text_of_another_encoding_is_told(tmp_path, encoding):
         UserError, match="not readable as text" if encoding == "latin-1" else "UTF-16.*save it as UTF-8"
     ):
         numbers(path, COLUMNS)
+
+
+def test_rows_by_name_have_no_name_twice(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace("py_m", "py_m,,").replace("-2", "-2,,").replace("-3", "-3,,"))
+    assert [row["py_m"] for row in named_rows(path, ["px_m"])] == ["-2", "-3"]
+    path.write_text(PLAIN.replace("stamp_ns", "py_m"))
+    with pytest.raises(UserError, match="has the column py_m 2 times"):
+        named_rows(path, ["px_m"])
 
 
 def test_the_line_of_a_row_counts_what_is_no_row(tmp_path):

@@ -12,14 +12,12 @@ from typing import Any
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.intact import refuse_damaged
-from uavbench.trajectories.files.limits import JSON, LONGEST_LINE, MOST_NESTING, SETTINGS, FileLimit
+from uavbench.trajectories.files.limits import JSON, MOST_NESTING, SETTINGS, FileLimit
 
 DOTTED = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_NESTING}}}(?=[\w"'-])"""
 )
 """A dotted key that is nested deeper than MOST_NESTING."""
-MOST_COMMENTS = 1000
-"""Most lines of comments before the names of columns."""
 HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "number", bool: "boolean"}
 
 
@@ -85,21 +83,6 @@ def not_text(path: Path, error: UnicodeDecodeError, where: str = "") -> UserErro
     return UserError(
         f"{path}: {where}not readable as text: {error.reason}" + ("" if where else f" at byte {error.start}")
     )
-
-
-def read_header(path: Path, limit: FileLimit, *, inside: Path | None = None) -> list[str]:
-    """Names in the first line of a CSV file that is no comment; UserError as `opened`, or when it is not text."""
-    with opened(path, limit, inside=inside) as handle:
-        try:
-            for _ in range(MOST_COMMENTS):
-                line = handle.readline(LONGEST_LINE).decode("utf-8-sig")
-                if not line or (line.strip() and not line.lstrip().startswith("#")):
-                    break
-            return [name.strip() for name in line.split(",")]
-        except UnicodeDecodeError as error:
-            raise not_text(path, error) from None
-        except OSError as error:
-            raise UserError(f"{path}: not readable as CSV: {error}") from None
 
 
 def read_toml(path: Path, *, inside: Path | None = None, hint: str = "") -> dict[str, Any]:

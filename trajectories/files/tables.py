@@ -9,6 +9,7 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,14 +50,30 @@ def table_rows(
     """
     with opened(path, limit, inside=inside) as handle:
         try:
-            lines = csv.reader(_lines(path, io.TextIOWrapper(handle, encoding="utf-8-sig", newline="")))
-            names = [name.strip() for name in next(filter(_is_row, lines), [])]
+            lines = Lines(path, io.TextIOWrapper(handle, encoding="utf-8-sig", newline=""))
+            cells = csv.reader(lines, skipinitialspace=True)
+            names = [name.strip() for name in next(filter(_is_row, cells), [])]
             _check_columns(path, columns, names)
-            yield TableRows(names, _numbered(path, lines, len(names)))
+            yield TableRows(names, _numbered(lines, cells, len(names)))
         except UnicodeDecodeError as error:
             raise not_text(path, error) from None
         except (OSError, csv.Error) as error:
             raise UserError(f"{path}: not readable as CSV: {error}") from None
+
+
+def column_names(path: Path, limit: FileLimit = TABLE, inside: Path | None = None) -> list[str]:
+    """Names of the columns of a CSV file; UserError as `table_rows`."""
+    with table_rows(path, (), limit, inside) as (names, _):
+        return names
+
+
+def named_rows(
+    path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None
+) -> list[dict[str, str]]:
+    """Rows of a CSV file by the names of its columns, each of which must be there once; UserError as `table_rows`."""
+    with table_rows(path, columns, limit, inside) as (names, rows):
+        _check_columns(path, [name for name in names if name], names)
+        return [dict(zip(names, cells, strict=True)) for _, cells in rows]
 
 
 def numbers(path: Path, columns: Sequence[str], limit: FileLimit = TABLE, inside: Path | None = None) -> NDArray[Any]:
@@ -122,8 +139,9 @@ def _converted(path: Path, columns: Sequence[str], limit: FileLimit, inside: Pat
     values = array("q" if convert is int else "d")
     with table_rows(path, columns, limit, inside) as (names, rows):
         places = [names.index(column) for column in columns]
+        pick = itemgetter(*places, places[0])  # a tuple, of one column too
         for number, cells in rows:
-            used = [cells[place] for place in places]
+            used = pick(cells)[:-1]
             try:
                 values.extend(map(convert, used))
                 if "_" in "".join(used):  # Python reads 1_5 as 15
@@ -158,29 +176,55 @@ def _check_columns(path: Path, columns: Sequence[str], names: list[str]) -> None
         raise UserError(f"{path}: has the column {twice[0]} {names.count(twice[0])} times; keep one of them")
 
 
-def _lines(path: Path, text: io.TextIOWrapper) -> Iterator[str]:
-    """Lines of a file; UserError for one that is too long."""
-    number = 0
-    while line := text.readline(LONGEST_LINE + 1):
-        number += 1
-        if len(line) > LONGEST_LINE:
-            raise UserError(f"{path}: line {number} is longer than {LONGEST_LINE:,} characters; is this a CSV file?")
-        yield line
+class Lines:
+    """Lines of a CSV file that are neither blank nor comments, each with whole values, and the number of the last one.
+
+    UserError for one that is too long, or whose quotation mark has no end: the reader would take the next for its rest.
+    """
+
+    def __init__(self, path: Path, text: io.TextIOWrapper) -> None:
+        self.path, self.number = path, 0
+        self._text = text
+
+    def __iter__(self) -> Iterator[str]:
+        read = self._text.readline
+        while line := read(LONGEST_LINE + 1):
+            self.number += 1
+            if len(line) > LONGEST_LINE:
+                raise UserError(
+                    f"{self.path}: line {self.number} is longer than {LONGEST_LINE:,} characters; is this a CSV file?"
+                )
+            if line.lstrip()[:1] in ("", "#"):
+                continue
+            if '"' in line and not _is_whole(line):
+                raise UserError(
+                    f"{self.path}: line {self.number}: a value begins with a quotation mark and does not end in this "
+                    "line; close it, or remove it"
+                )
+            yield line
+
+
+def _is_whole(line: str) -> bool:
+    """Whether a row ends with its line."""
+    parsed = csv.reader([line, ""], skipinitialspace=True)
+    next(parsed)
+    return parsed.line_num == 1
 
 
 def _is_row(cells: list[str]) -> bool:
-    """Whether a line is neither blank nor a comment."""
+    """Whether a line is neither blank nor a comment, which a spreadsheet may have put into quotation marks."""
     return any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#")
 
 
-def _numbered(path: Path, lines: Any, width: int) -> Iterator[NumberedRow]:
-    """Rows of a reader, numbered; UserError for one of another width, or too many."""
-    for cells in lines:
-        if not _is_row(cells):
+def _numbered(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[NumberedRow]:
+    """Rows of a reader of lines, numbered; UserError for one of another width, or too many."""
+    for cells in rows:
+        number = lines.number
+        if (not cells[0] or cells[0][0] in " #" or len(cells) != width) and not _is_row(cells):
             continue
         if len(cells) != width:
             point = "; write numbers with a decimal point, not a comma" if len(cells) > width else ""
-            raise UserError(f"{path}: line {lines.line_num} has {len(cells)} values, not {width}{point}")
-        if lines.line_num > MOST_ROWS:
-            raise UserError(f"{path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
-        yield NumberedRow(lines.line_num, cells)
+            raise UserError(f"{lines.path}: line {number} has {len(cells)} values, not {width}{point}")
+        if number > MOST_ROWS:
+            raise UserError(f"{lines.path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
+        yield NumberedRow(number, cells)

@@ -25,7 +25,7 @@ from uavbench.trajectories.bags.library import rosbags, typestore
 from uavbench.trajectories.bags.storages import path_for_rosbags
 from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.pose import Pose
 
 VERSION = 8
@@ -120,7 +120,7 @@ class Content:
     def _tables_with(self, columns: set[str]) -> dict[str, dict[str, Any]]:
         """Parameters of the sensors whose tables have some columns, by their files."""
         folder, tables = self.shown.sequence.body_folder, tables_of(self.shown.sequence)
-        heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables}
+        heads = {name: column_names(folder / name, TABLE, inside=folder) for name in tables}
         return {name: each for name, each in tables.items() if columns <= set(heads[name])}
 
     @cached_property
