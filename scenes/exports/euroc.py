@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_readings
-from uavbench.scenes.exports.notes import Held, tables_of
+from uavbench.scenes.exports.notes import Held, tables_with
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.errors import UserError, one_line
 from uavbench.trajectories.files.limits import TABLE
@@ -103,19 +103,8 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     They are empty for a file of readings that sequence.json does not list. UserError for an IMU's file without its
     columns.
     """
-    sensors = dict(tables_of(sequence))
-    folder = sequence.body_folder
-    for path in sorted(folder.glob("imu*.csv")):
-        sensors.setdefault(path.name, {})
-    heads = {name: column_names(folder / name, TABLE, inside=folder) for name in sensors}
-    for name, imu in sensors.items():
-        missing = [column for column in ("stamp_ns", *READINGS) if column not in heads[name]]
-        if missing and str(imu.get("kind", "")).startswith("imu"):
-            raise UserError(
-                f"{folder / name}: missing columns {', '.join(missing)} of an IMU, which sequence.json says that it is "
-                "of; name them in the first line, separated by commas"
-            )
-    return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(heads[name])}
+    unlisted = sorted(path.name for path in sequence.body_folder.glob("imu*.csv"))
+    return tables_with(sequence, READINGS, "imu", unlisted)
 
 
 def body_from_imu(readings: Path, imu: dict[str, Any]) -> Pose:

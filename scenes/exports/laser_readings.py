@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_records
-from uavbench.scenes.exports.notes import sensors_of, tables_of
+from uavbench.scenes.exports.notes import sensors_of, tables_with
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.ranging import LaserRanging
 
@@ -107,9 +105,8 @@ class Lidar(Laser):
 
 def range_finders_of(sequence: Sequence) -> dict[str, Laser]:
     """The laser range finders of a sequence, by the files of their readings."""
-    folder, tables = sequence.body_folder, tables_of(sequence)
-    lasers = {name: Laser(sequence, name, about) for name, about in tables.items() if set(about) >= OF_LASERS}
-    return {name: each for name, each in lasers.items() if RANGE in column_names(folder / name, TABLE, inside=folder)}
+    tables = tables_with(sequence, [RANGE], "range-finder")
+    return {name: Laser(sequence, name, about) for name, about in tables.items() if set(about) >= OF_LASERS}
 
 
 def lidars_of(sequence: Sequence) -> dict[str, Lidar]:

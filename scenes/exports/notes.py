@@ -1,6 +1,7 @@
 """README.md and export.json of an export: its content, and what its format cannot represent."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from typing import Any
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import TABLE
+from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.files.writing import write_text
 
 
@@ -47,6 +50,28 @@ def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
 def tables_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     """Parameters of the body sensors whose readings are a CSV file, by that file."""
     return {name: about for name, about in sensors_of(sequence).items() if name.endswith(".csv")}
+
+
+def tables_with(
+    sequence: Sequence, columns: list[str], kind: str, unlisted: Iterable[str] = ()
+) -> dict[str, dict[str, Any]]:
+    """Parameters of the body sensors whose tables have these columns, by the file; those of `unlisted` files are empty.
+
+    UserError for the table of a sensor of this kind (`imu`, `imu-bmi088`) that lacks stamps or one of them.
+    """
+    folder, sensors, found = sequence.body_folder, tables_of(sequence), {}
+    sensors |= {name: {} for name in unlisted if name not in sensors}
+    for name, about in sensors.items():
+        names = column_names(folder / name, TABLE, inside=folder)
+        missing = [column for column in ("stamp_ns", *columns) if column not in names]
+        if missing and f"{about.get('kind')}-".startswith(f"{kind}-"):
+            raise UserError(
+                f"{folder / name}: missing columns {', '.join(missing)}, which readings of kind = {about['kind']!r} in "
+                "sequence.json have; name them in the first line, separated by commas"
+            )
+        if not set(missing) & set(columns):
+            found[name] = about
+    return found
 
 
 def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:

@@ -469,7 +469,10 @@ BAD_READINGS = {
     "seconds": (lambda head, a, *rest: [head, "0.0" + a[1:], *rest], "line 2: stamp_ns = '0.0' is not a whole number"),
     "semicolons": (lambda *lines: [line.replace(",", ";") for line in lines], "missing columns stamp_ns, wx_rad_s"),
     "no names": (lambda head, *rest: list(rest), "missing columns stamp_ns, wx_rad_s"),
-    "a column less": (lambda *lines: [re.sub(",[^,]*", "", line, count=1) for line in lines], "columns wx_rad_s of an"),
+    "a column less": (
+        lambda *lines: [re.sub(",[^,]*", "", line, count=1) for line in lines],
+        "missing columns wx_rad_s, which readings of",
+    ),
 }
 
 
@@ -493,3 +496,18 @@ def test_an_imu_without_readings_has_no_biases_to_export(plain, tmp_path):
     path.write_text(path.read_text().splitlines()[0] + "\n")
     with pytest.raises(UserError, match=r"imu-bmi088.csv: has no readings; remove the file"):
         exported(path.parent, "euroc", tmp_path)
+
+
+@pytest.mark.parametrize("change", [lambda head: head.replace(",", ";"), lambda head: "0" + ",1" * head.count(",")])
+@pytest.mark.parametrize("name", ["baro", "gnss", "range-finder"])
+def test_readings_whose_columns_have_no_names_are_not_left_out(tmp_path_factory, tmp_path, name, change):
+    sequence = tmp_path_factory.getbasetemp() / "all-sensors"
+    if not sequence.exists():
+        text = PLAIN.replace('{ kind = "baro" },', '{ kind = "baro" }, { kind = "gnss" }, { kind = "range-finder" },')
+        shutil.copytree(rendered(tmp_path_factory.mktemp("sensors"), text), sequence)
+    path = hand_made(shutil.copytree(sequence, tmp_path / "bad")) / f"{name}.csv"
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([change(head), *rows]) + "\n")
+    with pytest.raises(UserError, match=rf"{name}.csv: missing columns stamp_ns, .* readings of kind = '{name}'"):
+        exported(path.parent, "mcap", tmp_path)
+    assert not (tmp_path / "mcap").exists()

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from uavbench.scenes.dataset.body import GIMBAL, gimbal_joints
 from uavbench.scenes.exports.euroc import RATES, STATE, body_from_imu, imus_of, true_state
 from uavbench.scenes.exports.laser_readings import Laser, Lidar, lidars_of, range_finders_of
-from uavbench.scenes.exports.notes import Held, tables_of
+from uavbench.scenes.exports.notes import Held, tables_of, tables_with
 from uavbench.scenes.exports.ros import bag_messages as messages
 from uavbench.scenes.exports.ros import laser_messages
 from uavbench.scenes.exports.ros.bag_messages import Stamped, link_of, ros_name
@@ -24,8 +24,6 @@ from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.library import rosbags, typestore
 from uavbench.trajectories.bags.storages import path_for_rosbags
 from uavbench.trajectories.errors import DiskError, UserError
-from uavbench.trajectories.files.limits import TABLE
-from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.pose import Pose
 
 VERSION = 8
@@ -110,18 +108,12 @@ class Content:
     @cached_property
     def receivers(self) -> dict[str, dict[str, Any]]:
         """Parameters of the GNSS receivers by their files."""
-        return self._tables_with({*messages.FIX, "pdop"})
+        return tables_with(self.shown.sequence, [*messages.FIX, "pdop"], "gnss")
 
     @cached_property
     def barometers(self) -> dict[str, dict[str, Any]]:
         """Parameters of the barometers by their files."""
-        return self._tables_with({messages.PRESSURE})
-
-    def _tables_with(self, columns: set[str]) -> dict[str, dict[str, Any]]:
-        """Parameters of the sensors whose tables have some columns, by their files."""
-        folder, tables = self.shown.sequence.body_folder, tables_of(self.shown.sequence)
-        heads = {name: column_names(folder / name, TABLE, inside=folder) for name in tables}
-        return {name: each for name, each in tables.items() if columns <= set(heads[name])}
+        return tables_with(self.shown.sequence, [messages.PRESSURE], "baro")
 
     @cached_property
     def gimbals(self) -> dict[str, list[str]]:
