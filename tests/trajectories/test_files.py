@@ -1,5 +1,6 @@
 """Nothing foreign is replaced, whatever it is; of what processes left, only that of dead ones is removed."""
 
+import errno
 import hashlib
 import json
 import os
@@ -526,6 +527,18 @@ def test_a_folder_that_is_not_writable_stays_so(tmp_path):
         os.seteuid(user)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o555
     assert len(list(folder.iterdir())) == 2
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EACCES])
+def test_a_disk_without_room_for_an_owner_is_told_by_the_name_of_the_file(tmp_path, monkeypatch, number):
+    def full(link, target):
+        raise OSError(number, os.strerror(number), target, None, str(link))
+
+    monkeypatch.setattr(Path, "symlink_to", full)
+    with pytest.raises(OSError, match=re.escape(os.strerror(number))) as error:
+        write_text(tmp_path / "a.csv", "x")
+    assert (error.value.errno, error.value.filename) == (number, str(tmp_path / "a.csv"))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["../a", "..", "b/c", ""])

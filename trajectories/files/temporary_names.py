@@ -62,7 +62,7 @@ def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
         owner.symlink_to(text)
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
-            raise
+            raise OSError(error.errno, error.strerror, str(told or path)) from None
         owner.write_bytes(os.fsencode(text))  # file systems without links
     try:
         yield own
