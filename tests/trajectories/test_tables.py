@@ -60,6 +60,7 @@ def test_dialects_of_one_table_are_read_alike(tmp_path, text):
         (PLAIN.replace("stamp_ns", "px_m"), "has the column px_m 2 times"),
         (PLAIN.replace("2.5", "2,5"), "line 3 has 4 values, not 3; write numbers with a decimal point"),
         (PLAIN.replace(",-3", ""), "line 3 has 2 values, not 3$"),
+        (PLAIN.replace(",-3", ",-3,"), "line 3 has 4 values, not 3; remove commas at its end"),
         (PLAIN.replace("2.5", ""), "line 3: px_m is empty; leave the line out"),
         (PLAIN.replace("2.5", "2.5 m"), "line 3: px_m = '2.5 m' is not a number"),
         (PLAIN.replace("-3", "1_5"), "line 3: py_m = '1_5' is not a number"),

@@ -223,8 +223,11 @@ def _numbered(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[N
         if (not cells[0] or cells[0][0] in " #" or len(cells) != width) and not _is_row(cells):
             continue
         if len(cells) != width:
-            point = "; write numbers with a decimal point, not a comma" if len(cells) > width else ""
-            raise UserError(f"{lines.path}: line {number} has {len(cells)} values, not {width}{point}")
+            advice = ""
+            if len(cells) > width:
+                at_end = not any(map(str.strip, cells[width:]))
+                advice = "; remove commas at its end" if at_end else "; write numbers with a decimal point, not a comma"
+            raise UserError(f"{lines.path}: line {number} has {len(cells)} values, not {width}{advice}")
         if number > MOST_ROWS:
             raise UserError(f"{lines.path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
         yield NumberedRow(number, cells)
