@@ -31,13 +31,14 @@ PLAIN = "stamp_ns,px_m,py_m\n10,1.5,-2\n20,2.5,-3\n"
         "# frame: world_from_body\n\n" + PLAIN.replace("\n20", "\n# in between\n\n,,\n20").replace(",,\n", ""),
         "py_m,stamp_ns,note,px_m\n-2,10,a,1.5\n-3,20,b,2.5\n",
         PLAIN[:-1],
+        PLAIN.replace("\n20", '\n,,\n "# quoted",,\n20'),
         PLAIN.replace(",", '", "').replace("\n", '"\n"')[:-1].replace("stamp", '"stamp', 1),
         '# "a, 5" pipe, "open\n' + PLAIN.replace("\n20", '\n# and, "here\n"# cm, m"\n20'),
         PLAIN.replace("stamp_ns", "stamp_ns,note").replace("\n10", '\n10,5" pipe').replace("\n20", '\n20,"a ""b"""'),
     ],
     ids=[
         *("plain", "Windows", "old Mac", "mark", "spaces", "quotes", "comments", "other order", "no last end"),
-        *("spaced quotes", "quotes in comments", "quotes in notes"),
+        *("blank cells", "spaced quotes", "quotes in comments", "quotes in notes"),
     ],
 )
 def test_dialects_of_one_table_are_read_alike(tmp_path, text):
@@ -88,6 +89,7 @@ def test_what_is_wrong_is_told_by_line_and_column(tmp_path, text, told):
     [
         ("2e1", "line 3: stamp_ns = '2e1' is not a whole number"),
         ("20.0", "line 3: stamp_ns = '20.0' is not a whole"),
+        ("", "line 3: stamp_ns is empty; leave the line out, or give a whole number"),
         ("99999999999999999999", "line 3: an integer has more than 64 bits"),
     ],
 )
@@ -135,6 +137,8 @@ def test_readings_are_stamped_and_may_have_gaps(tmp_path):
     np.testing.assert_array_equal(found.values, [[np.nan, -2.0], [2.5, np.nan]])
     path.write_text(PLAIN.splitlines()[0])
     assert readings(path, COLUMNS).values.shape == (0, 2)
+    path.write_text(PLAIN.replace("\n20", "\n11"))
+    assert readings(path, COLUMNS).stamps_ns.tolist() == [10, 11]
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def remove_leftovers(folder: Path, *, alone: bool) -> None:
                 give_back(folder / (stem + REPLACED), folder / owner.path_name)
             gone = [_remove(folder / other) for other in of_it]
             if all(gone):
-                (folder / name).unlink(missing_ok=True)
+                (folder / name).unlink()
 
 
 @dataclass(frozen=True)
