@@ -33,19 +33,16 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
     under = site.height(centres[:, :2]) + LEAST_ABOVE_GROUND_M - centres[:, 2]
     if (under > 0).any():
         row = int(np.argmax(under))
-        x, y, z = centres[row]
+        ground_m = centres[row, 2] + under[row] - LEAST_ABOVE_GROUND_M
         raise UserError(
-            f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
-            f"{y:.2f}, {z:.2f}) m: the ground there is at {z + under[row] - LEAST_ABOVE_GROUND_M:.2f} m; move the "
+            f"{_place(spec, camera, flight, row, centres[row])}: the ground there is at {ground_m:.2f} m; move the "
             "path, or remove environment.site.embankments"
         )
     if (hidden := site.is_hidden(centres)).any():
         row = int(np.argmax(hidden))
-        x, y, z = centres[row]
         raise UserError(
-            f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
-            f"{y:.2f}, {z:.2f}) m: a neighbouring building stands there or before the structure; keep the path nearer, "
-            "or raise environment.site.neighbours_from_m"
+            f"{_place(spec, camera, flight, row, centres[row])}: a neighbouring building stands there or before the "
+            "structure; keep the path nearer, or raise environment.site.neighbours_from_m"
         )
 
 
@@ -56,11 +53,10 @@ def check_room(spec: SequenceSpec, camera: BodyCamera, room: Room | None, flight
     to_walls = np.minimum(room.to_walls(flight.positions_m), room.to_walls(_centres(camera, flight)))
     row = int(np.argmin(to_walls))
     if to_walls[row] < LEAST_TO_WALLS_M:
-        x, y, z = flight.positions_m[row]
         raise UserError(
-            f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
-            f"{y:.2f}, {z:.2f}) m: a wall or the ceiling of the room, {room.side_m:.1f} m wide and {room.height_m:.1f} "
-            "m high, is in the way; raise environment.room_m or environment.height_m, or bring the path nearer"
+            f"{_place(spec, camera, flight, row, flight.positions_m[row])}: a wall or the ceiling of the room, "
+            f"{room.side_m:.1f} m wide and {room.height_m:.1f} m high, is in the way; raise environment.room_m or "
+            "environment.height_m, or bring the path nearer"
         )
 
 
@@ -70,6 +66,13 @@ def check_further_camera(spec: SequenceSpec, camera: BodyCamera, obstacles: Obst
         check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount.at_rest, obstacles)
     except UserError as error:
         raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
+
+
+def _place(spec: SequenceSpec, camera: BodyCamera, flight: Flight, row: int, at: Array) -> str:
+    """Whose camera is where, and when, for an error."""
+    x, y, z = at
+    when_s = flight.stamps_ns[row] * 1e-9
+    return f"sequence {spec.name}: camera {camera.name}: t = {when_s:.2f} s, at ({x:.2f}, {y:.2f}, {z:.2f}) m"
 
 
 def _centres(camera: BodyCamera, flight: Flight) -> Array:
