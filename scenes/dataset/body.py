@@ -167,6 +167,11 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
         header = _columns(folder, path)
         parameters = {k: v for k, v in about.items() if k in CALIBRATED and isinstance(v, int | float | list)}
         columns = tuple(column for column in known if column in header)
+        if not columns:
+            raise UserError(
+                f"{path}: none of its columns is one of {kind} readings ({', '.join(known)}); rename its columns, or "
+                "the file if it holds something else"
+            )
         yield path.stem, BodySensor(kind, columns, MappingProxyType(parameters))
 
 

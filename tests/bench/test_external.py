@@ -21,6 +21,7 @@ from uavbench.bench.trial.check import TRIAL, check
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.random_streams import stream
 
 PATIENT_S = 60.0
@@ -289,7 +290,9 @@ def test_imu_samples_come_before_their_frame_and_never_early(program, tmp_path, 
     shutil.copytree(TRIAL, folder)
     stamps = sequence.stamps_ns
     lines = [f"{t},0,0,0,0,0,9.81" for t in range(int(stamps[0]), int(stamps[-1]) + 20_000_000, 5_000_000)]
-    (folder / "imu.csv").write_text("stamp_ns,wx,wy,wz,ax,ay,az\n" + "\n".join(lines) + "\n")
+    (folder / "imu.csv").write_text(
+        "stamp_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n" + "\n".join(lines) + "\n"
+    )
     log = tmp_path / "log"
     text = f"""
 say("ready")
@@ -310,6 +313,16 @@ while line := sys.stdin.buffer.readline():
     order = [int(stamp) for _, stamp in told]
     assert order == sorted(order)
     assert sum(kind == "imu" for kind, _ in told) == sum(int(line.split(",")[0]) <= stamps[-1] for line in lines)
+
+
+def test_readings_whose_columns_have_other_names_are_told(program, tmp_path):
+    """Else a tracker would get the stamps of an IMU alone."""
+    folder = tmp_path / "with-imu"
+    shutil.copytree(TRIAL, folder)
+    (folder / "imu.csv").write_text("stamp_ns,wx,wy,wz,ax,ay,az\n0,0,0,0,0,0,9.81\n")
+    linked = replace(Sequence.load(TRIAL), folder=folder)
+    with pytest.raises(UserError, match=r"imu\.csv: none of its columns is one of imu readings \(wx_rad_s, "):
+        track_external(program(stream_program()), linked, rate_hz=15.0, seed=0, kept_folder=tmp_path / "kept")
 
 
 def test_it_starts_like_any_tracker_frame_by_frame(program, sequence):

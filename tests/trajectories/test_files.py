@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.process_trees import as_from_a_terminal
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import origin, temporary_names, writing
 from uavbench.trajectories.files.listed import Marker
@@ -421,7 +422,9 @@ def test_a_folder_that_is_replaced_is_never_lost_whenever_the_process_ends(tmp_p
     folder = tmp_path / ("results of " + "a flight, " * 5)  # longer than what its temporary name repeats of it
     make(folder, "frames.csv")
     old = (folder / "frames.csv").read_text()
-    told = subprocess.run([sys.executable, "-c", REPLACING, str(folder), *at, sign], capture_output=True, text=True)
+    told = subprocess.run(
+        [sys.executable, "-c", REPLACING, str(folder), *at, sign], check=False, preexec_fn=as_from_a_terminal
+    )
     assert told.returncode != 0
     monkeypatch.setattr(temporary_names, "_cleaned", set())  # as of a new process
     write_text(tmp_path / "next.toml", "x")
