@@ -7,10 +7,10 @@ import pytest
 from scipy.special import erf
 
 from uavbench.scenes.rendering.radiance import encode
-from uavbench.tracker.robust.edges.blur import MOST_BLUR_PX, Blur
-from uavbench.tracker.robust.edges.blur_kernels import LEAST_MEASURED, excess_blur
 from uavbench.tracker.robust.edges.measurements import SearchLines
-from uavbench.tracker.robust.edges.step_kernels import FIRST_BLUR_PX, PIXEL_PX, Optics
+from uavbench.tracker.robust.edges.steps.blur import MOST_BLUR_PX, Blur
+from uavbench.tracker.robust.edges.steps.blur_kernels import LEAST_MEASURED, excess_blur
+from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX, PIXEL_PX, Optics
 from uavbench.tracker.robust.fit.response import srgb_light
 
 SIZE, FINE = 61, 8

@@ -17,7 +17,9 @@ from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.studio import Studio
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.edges.step_kernels import Optics, Strip, fit_step, learned_light, room_for
+from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
+from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
+from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
 from uavbench.tracker.robust.fit.response import CODES, IS_ANOTHER, NUMBERS, SIGMA, Response, srgb_light
 from uavbench.tracker.robust.solver.bias_kernels import linearize
 from uavbench.tracker.robust.solver.bias_state import FrameSums

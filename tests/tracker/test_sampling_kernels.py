@@ -9,7 +9,9 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
-from uavbench.tracker.robust.edges.step_kernels import CLEAR_WIDTHS, FIRST_BLUR_PX, REACH_PX
+from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX
+from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS
+from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX
 from uavbench.tracker.robust.edges.subpixel_kernels import crowd, edges_near, extents_of_edges
 from uavbench.tracker.robust.view import View
 

@@ -7,7 +7,9 @@ import pytest
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.radiance import encode
-from uavbench.tracker.robust.edges.step_kernels import Optics, Strip, fit_step, learned_light, room_for
+from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
+from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
+from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
 from uavbench.tracker.robust.fit.response import light_of_codes, srgb_light
 
 SIZE, FINE, BLUR_PX = 41, 8, 0.5

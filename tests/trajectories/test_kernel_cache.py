@@ -202,8 +202,8 @@ def test_every_kernel_of_the_project_is_kept_by_its_sources():
     for module, kernel in kernels:
         assert kernel._cache.folder is not None, kernel
         assert Path(module.__file__) in sources(module.__name__)
-    names = {path.name for path in sources("uavbench.tracker.robust.edges.step_kernels")}
+    names = {path.name for path in sources("uavbench.tracker.robust.edges.steps.step_kernels")}
     assert {"step_kernels.py", "profile_kernels.py", "pose.py", "compiled.py", "__init__.py"} <= names
     assert not {"numba", "numpy"} & {
-        part for path in sources("uavbench.tracker.robust.edges.step_kernels") for part in path.parts
+        part for path in sources("uavbench.tracker.robust.edges.steps.step_kernels") for part in path.parts
     }

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import AppearanceConfig
-from uavbench.tracker.robust.edges.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import APPEARANCE, Image, learn, learn_squares
-from uavbench.tracker.robust.edges.step_kernels import OPTICS, Optics
+from uavbench.tracker.robust.edges.steps.blur_kernels import excess_blur
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array

@@ -9,18 +9,9 @@ from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, NORMAL_U, NORMAL_V, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LINES, ControlPoints, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.step_kernels import (
-    CLEAR_WIDTHS,
-    MAX_SHIFT_PX,
-    MOST_STEPS,
-    OPTICS,
-    REACH_PX,
-    Optics,
-    Strip,
-    fit_step,
-    learned_light,
-    room_for,
-)
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
+from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
+from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX, Strip, room_for
 from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined

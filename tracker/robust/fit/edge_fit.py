@@ -11,13 +11,13 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edges.blur import Blur
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
-from uavbench.tracker.robust.edges.step_kernels import Optics
+from uavbench.tracker.robust.edges.steps.blur import Blur
+from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
 from uavbench.tracker.robust.edges.weight_kernels import point_variances
 from uavbench.tracker.robust.fit.judging import Judge
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig

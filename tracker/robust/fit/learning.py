@@ -9,7 +9,7 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.appearance_kernels import LookedAt, Nearness, learn_appearance
 from uavbench.tracker.robust.edges.columns import OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import SearchLines
-from uavbench.tracker.robust.edges.step_kernels import Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals
 from uavbench.tracker.robust.fit.response import Response

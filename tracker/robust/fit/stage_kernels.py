@@ -17,7 +17,7 @@ from uavbench.tracker.robust.edges.measurements import (
 )
 from uavbench.tracker.robust.edges.profile_kernels import Image, search
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
-from uavbench.tracker.robust.edges.step_kernels import OPTICS, Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,

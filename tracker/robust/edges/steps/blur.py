@@ -2,7 +2,8 @@
 
 import math
 
-from uavbench.tracker.robust.edges.step_kernels import FIRST_BLUR_PX, PIXEL_PX, REACH_PX
+from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX, PIXEL_PX
+from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX
 
 MOST_BLUR_PX = REACH_PX / 2
 """Largest blur that the pixels beside an edge tell from a slope."""

@@ -12,15 +12,9 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.step_kernels import (
-    OPTICS,
-    Optics,
-    Strip,
-    learned_light,
-    room_for,
-    solve,
-    sums_of_steps,
-)
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
+from uavbench.tracker.robust.edges.steps.step_kernels import solve
+from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for, sums_of_steps
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 

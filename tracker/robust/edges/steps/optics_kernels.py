@@ -1,0 +1,44 @@
+"""How light becomes codes through a blurred lens, and the light that is learned of an edge's two sides."""
+
+import math
+from typing import NamedTuple
+
+from uavbench.tracker.robust.edges.columns import NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import inlined
+from uavbench.trajectories.pose import Array
+
+PIXEL_PX = 1 / math.sqrt(12)
+"""Standard deviation of the area of a pixel, in any direction: the least blur."""
+FIRST_BLUR_PX = 0.5
+"""Blur of a frame before any was measured: that of a pixel, and 0.4 px of a sharp lens."""
+
+
+class Optics(NamedTuple):
+    """How light becomes codes: light (1 + r, 256) of each code, then its derivatives for r numbers of the response, and
+    the standard deviation blur_px of the blur.
+    """
+
+    light: Array
+    blur_px: float
+
+
+OPTICS = named_tuple(Optics, "f2! f0")
+
+
+@inlined
+def learned_light(row: Array, channels: int, light: Array, colour: Array) -> float:
+    """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`."""
+    colour[:] = 0.0
+    if not row[TIMES_SEEN] > 0.0:
+        return 0.0
+    square = 0.0
+    for c in range(channels):
+        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
+        colour[c] = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
+        square += colour[c] * colour[c]
+    step = math.sqrt(square)
+    if step > 0.0:
+        for c in range(channels):
+            colour[c] /= step
+    return step

@@ -1,0 +1,172 @@
+"""Compiled fit of blurred steps of linear light to the pixels around a control point.
+
+Near an edge the light is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. Within a few
+pixels lie others: the borders of a reveal, of a flange, of lattice members. All of them are moved by the same error of
+the pose, so that the light is a + sum_k b_k H(s_k - d): least squares in the level a, the heights b_k and the one shift
+d, whose residual gives the variance of d.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
+from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, Strip, Sums, sums_of_steps
+from uavbench.trajectories.kernels.compiled import inlined
+from uavbench.trajectories.pose import Array
+
+CLEAR_WIDTHS = 3.0
+"""Reach of the blur of a neighbouring edge, in its standard deviations."""
+MAX_SHIFT_PX = 0.5
+"""Largest shift: the linearized fit is valid within one standard deviation of the usual blur."""
+MOST_STEPS = 6
+"""Most steps that are fitted together: limits the time."""
+TOGETHER_WIDTHS = 2.0
+"""Distance across, in standard deviations of the blur, below which the heights of two steps are hardly told apart, and
+their sum must be a step."""
+HEIGHT_INFORMATION = 1e-4
+"""Prior information on a height: the square of a pixel's noise, 0.01, over that of a height, 1. It decides where two
+edges are one in the image."""
+ITERATIONS = 3
+"""Of Gauss-Newton: the heights, then the shift with them, then both."""
+
+
+class Step(NamedTuple):
+    """Distance of a step in px along a normal, and its variance in px^2."""
+
+    distance: float
+    variance_px2: float
+
+
+NO_STEP = Step(np.inf, np.inf)
+
+
+@inlined
+def solve(A: Array, x: Array) -> float:
+    """Solve A y = x (n,) in place by A = L D L^T, and return x . y, NaN where A is not positive.
+
+    x becomes y, the lower half of A (n, n) becomes L D and its diagonal D^-1. A may have more rows and columns.
+    """
+    n, product = len(x), 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k] * A[k, k]
+        if not A[i, i] > 0.0:
+            return math.nan
+        A[i, i] = 1.0 / A[i, i]
+        for k in range(i):
+            x[i] -= A[i, k] * x[k]
+        product += x[i] * x[i] * A[i, i]
+        x[i] *= A[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= A[i, i] * A[k, i] * x[k]
+    return product
+
+
+@inlined
+def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> Step:
+    """The step of a control point's edge around distance `start`, fitted together with those beside it.
+
+    Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels; otherwise the
+    derivatives of the distance for the response are in `sums`.
+    """
+    steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
+    if n < 3 * ACROSS:
+        return NO_STEP
+    products, last, rows = sums.products, 2 * steps + 1, len(sums.by_response)
+    if steps == 1 and rows == 0:
+        return fit_alone(products, n, start, strip.optics.light[0, 1])
+    for i in range(last + 1, last + 1 + rows):  # the level is eliminated
+        for j in range(last):
+            products[i, j] -= products[i, last] * products[last, j] / n
+    for i in range(last):
+        for j in range(i + 1):
+            products[i, j] -= products[last, i] * products[last, j] / n
+            products[j, i] = products[i, j]
+    light, A, x, height = 2 * steps, sums.A, sums.x[: steps + 1], sums.height
+    for i in range(steps):
+        height[i] = 0.0
+    shift, explained = 0.0, 0.0
+    for iteration in range(ITERATIONS):
+        A[steps, steps] = x[steps] = 0.0
+        for i in range(steps):
+            at, slope = 2 * i, 2 * i + 1
+            x[i] = products[at, light] - shift * products[slope, light]
+            x[steps] -= height[i] * products[slope, light]
+            A[steps, i] = 0.0
+            for j in range(steps):
+                cross = products[at, 2 * j + 1] - shift * products[slope, 2 * j + 1]
+                A[steps, i] -= height[j] * cross
+                A[steps, steps] += height[i] * height[j] * products[slope, 2 * j + 1]
+                A[i, j] = products[at, 2 * j] - shift * products[slope, 2 * j] - shift * cross
+            A[i, i] += HEIGHT_INFORMATION
+        if iteration == 0:
+            A[steps, steps] = 1.0  # without heights the light says nothing of the shift, which stays 0
+        explained = solve(A, x)
+        for i in range(steps):
+            height[i] = x[i]
+        shift += x[steps]
+        if not (explained >= 0.0 and abs(shift) < 2 * MAX_SHIFT_PX):  # singular, or it diverges
+            return NO_STEP
+    whole = height[0]
+    for i in range(1, steps):
+        across = (edges[i, U] - edges[0, U]) * edges[0, NORMAL_U] + (edges[i, V] - edges[0, V]) * edges[0, NORMAL_V]
+        if abs(across) < TOGETHER_WIDTHS * strip.optics.blur_px:
+            whole += height[i]
+    if not whole > strip.optics.light[0, 1]:  # less than one code
+        return NO_STEP
+    noise = max(0.0, products[light, light] - explained) / (n - steps - 2)
+    for r in range(rows):  # at the minimum, where the shift is linear in the light
+        row, moved = last + 1 + r, 0.0
+        for i in range(steps):
+            moved -= height[i] * products[row, 2 * i + 1]
+            x[i] = products[row, 2 * i] - shift * products[row, 2 * i + 1]
+            for k in range(i):
+                x[i] -= A[i, k] * x[k]
+            x[i] *= A[i, i]
+        for i in range(steps):
+            moved -= A[steps, i] * x[i]
+        sums.by_response[r] = -moved * A[steps, steps]
+    return Step(start + shift, noise * A[steps, steps])
+
+
+@inlined
+def fit_alone(products: Array, n: int, start: float, least: float) -> Step:
+    """As `fit_step` of one step, from the products of n pixels, whose height must be more than `least`.
+
+    The same operations in the same order, number by number: most edges stand alone.
+    """
+    HH, SH, SS = products[0, 0], products[1, 0], products[1, 1]
+    LH, LS, LL = products[2, 0], products[2, 1], products[2, 2]
+    of_H, of_S, of_L = products[3, 0], products[3, 1], products[3, 2]
+    HH, SH, SS = HH - of_H * of_H / n, SH - of_S * of_H / n, SS - of_S * of_S / n  # the level is eliminated
+    LH, LS, LL = LH - of_L * of_H / n, LS - of_L * of_S / n, LL - of_L * of_L / n
+    height, shift, explained, variance = 0.0, 0.0, 0.0, 0.0
+    for iteration in range(ITERATIONS):
+        cross = SH - shift * SS
+        A, B = HH - shift * SH - shift * cross + HEIGHT_INFORMATION, 0.0 - height * cross
+        C = 1.0 if iteration == 0 else height * height * SS
+        x, y = LH - shift * LS, 0.0 - height * LS
+        if not A > 0.0:
+            return NO_STEP
+        A = 1.0 / A
+        C -= B * B * A
+        if not C > 0.0:
+            return NO_STEP
+        variance = 1.0 / C
+        explained = x * x * A
+        x *= A
+        y -= B * x
+        explained += y * y * variance
+        y *= variance
+        height = x - A * B * y
+        shift += y
+        if not (explained >= 0.0 and abs(shift) < 2 * MAX_SHIFT_PX):
+            return NO_STEP
+    if not height > least:
+        return NO_STEP
+    return Step(start + shift, max(0.0, LL - explained) / (n - 3) * variance)

@@ -1,0 +1,165 @@
+"""Compiled sums of products of blurred steps and the light, over the pixels around a control point.
+
+Near an edge the light is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. The sums are
+what least squares needs of the pixels. They take most of the time of a sub-pixel fit, and are summed up in tiles.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
+from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
+from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.pose import Array
+
+REACH_PX = 3
+"""Pixels to either side of the edge on a scan line: fewer do not determine a step and two levels, more add little."""
+ACROSS = 2 * REACH_PX + 1
+"""Pixels of a scan line."""
+WIDTHS, STEPS_PER_WIDTH = 5, 64
+MIDDLE = WIDTHS * STEPS_PER_WIDTH
+AT = np.arange(-MIDDLE, MIDDLE + 1) / STEPS_PER_WIDTH
+STEP = np.array([0.5 * (1 + math.erf(s / math.sqrt(2))) for s in AT])
+SLOPE = np.exp(-0.5 * np.square(AT)) / math.sqrt(2 * math.pi)
+"""H and H' at AT, in standard deviations of the blur."""
+TILE = 4
+"""Rows and columns of the products that are summed up together, which the registers of a processor hold."""
+
+
+class Strip(NamedTuple):
+    """Pixels about a control point: about `beside` scan lines to either side, spread over `along` px; their optics."""
+
+    along: int
+    beside: int
+    optics: Optics
+
+
+class Sums(NamedTuple):
+    """Arrays that a fit of up to k steps writes, made once for many fits.
+
+    terms (m, p, TILE): in so many blocks of columns, at each of p pixels, H and H' of each step, the light, 1, and the
+    light's derivatives. products (TILE m, TILE m): its lower half is their sums over all pixels. A (k + 1, k + 1),
+    x (k + 1,): normal equations of the heights and the shift. height (k,). by_response (r,): derivatives of the shift.
+    """
+
+    terms: Array
+    products: Array
+    A: Array
+    x: Array
+    height: Array
+    by_response: Array
+
+
+@compiled("i0 i0 i0", inner=True)
+def room_for(steps: int, derivatives: int, beside: int) -> Sums:
+    """Arrays for fits of up to so many steps, with so many derivatives of the light, on strips of so many lines."""
+    blocks, unknowns = (2 * steps + 2 + derivatives + TILE - 1) // TILE, steps + 1
+    return Sums(
+        np.zeros((blocks, (2 * beside + 1) * ACROSS, TILE)),
+        np.empty((TILE * blocks, TILE * blocks)),
+        np.empty((unknowns, unknowns)),
+        np.empty(unknowns),
+        np.empty(steps),
+        np.empty(derivatives),
+    )
+
+
+@inlined
+def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> int:
+    """Number of pixels around a control point whose steps and light are summed up.
+
+    edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
+    on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
+    over `along` px. The first 2 k + 2 + r rows of the products in `sums` become those of these pixels.
+    """
+    h, w, channels = image.shape
+    along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
+    light_of = strip.optics.light
+    nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
+    u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
+    by_rows = abs(nu) >= abs(nv)
+    if by_rows:
+        x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
+    else:
+        x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
+    steps, pixels, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
+    terms, light_block, light_column = sums.terms, steps // 2, 2 * (steps % 2)
+    middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
+    for k in range(-(along // every), along // every + 1):
+        y = middle + k * every
+        low = int(x0 - (y - y0) * ny / nx + 0.5) - REACH_PX
+        if y < 0 or y >= height or low < 0 or low + 2 * REACH_PX >= width:
+            continue
+        column, row = (low, y) if by_rows else (y, low)
+        for i in range(steps):
+            mu, mv = edges[i, NORMAL_U], edges[i, NORMAL_V]
+            away = (column - edges[i, U]) * mu + (row - edges[i, V]) * mv - start
+            first, each = away * rows_per_px + MIDDLE, (mu if by_rows else mv) * rows_per_px
+            block, odd = i // 2, i % 2 == 1
+            for x in range(ACROSS):
+                at = np.uint32(min(max(first + x * each, 0.0), 2.0 * MIDDLE) + 0.5)
+                if odd:
+                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = STEP[at], SLOPE[at] * widths_per_px
+                else:
+                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = STEP[at], SLOPE[at] * widths_per_px
+        for x in range(ACROSS):
+            column, row = (low + x, y) if by_rows else (y, low + x)
+            light = 0.0
+            for c in range(channels):
+                light += colour[c] * light_of[0, image[row, column, c]]
+            terms[light_block, pixels + x, light_column] = light
+            terms[light_block, pixels + x, light_column + 1] = 1.0
+        for r in range(len(light_of) - 1):
+            at_block, at_column = divmod(2 * steps + 2 + r, TILE)
+            for x in range(ACROSS):
+                column, row = (low + x, y) if by_rows else (y, low + x)
+                light = 0.0
+                for c in range(channels):
+                    light += colour[c] * light_of[1 + r, image[row, column, c]]
+                terms[at_block, pixels + x, at_column] = light
+        pixels += ACROSS
+    for i in range((2 * steps + 2 + len(light_of) - 1 + TILE - 1) // TILE):
+        for j in range(i):
+            sum_tile(terms, i, j, pixels, sums.products)
+        sum_half_tile(terms, i, pixels, sums.products)
+    return pixels
+
+
+@inlined
+def sum_tile(terms: Array, i: int, j: int, pixels: int, products: Array) -> None:
+    """The products of all columns of blocks i and j of the terms, summed up in the order of so many pixels.
+
+    One number at a time: a processor holds all of them in its registers, and the order of each sum is as written.
+    """
+    p00 = p01 = p02 = p03 = p10 = p11 = p12 = p13 = 0.0
+    p20 = p21 = p22 = p23 = p30 = p31 = p32 = p33 = 0.0
+    for x in range(pixels):
+        a0, a1, a2, a3 = terms[i, x, 0], terms[i, x, 1], terms[i, x, 2], terms[i, x, 3]
+        b0, b1, b2, b3 = terms[j, x, 0], terms[j, x, 1], terms[j, x, 2], terms[j, x, 3]
+        p00, p01, p02, p03 = p00 + a0 * b0, p01 + a0 * b1, p02 + a0 * b2, p03 + a0 * b3
+        p10, p11, p12, p13 = p10 + a1 * b0, p11 + a1 * b1, p12 + a1 * b2, p13 + a1 * b3
+        p20, p21, p22, p23 = p20 + a2 * b0, p21 + a2 * b1, p22 + a2 * b2, p23 + a2 * b3
+        p30, p31, p32, p33 = p30 + a3 * b0, p31 + a3 * b1, p32 + a3 * b2, p33 + a3 * b3
+    r, c = TILE * i, TILE * j
+    products[r, c], products[r, c + 1], products[r, c + 2], products[r, c + 3] = p00, p01, p02, p03
+    products[r + 1, c], products[r + 1, c + 1], products[r + 1, c + 2], products[r + 1, c + 3] = p10, p11, p12, p13
+    products[r + 2, c], products[r + 2, c + 1], products[r + 2, c + 2], products[r + 2, c + 3] = p20, p21, p22, p23
+    products[r + 3, c], products[r + 3, c + 1], products[r + 3, c + 2], products[r + 3, c + 3] = p30, p31, p32, p33
+
+
+@inlined
+def sum_half_tile(terms: Array, i: int, pixels: int, products: Array) -> None:
+    """As `sum_tile` of a block with itself, of which only the lower half is summed up."""
+    p00 = p10 = p11 = p20 = p21 = p22 = p30 = p31 = p32 = p33 = 0.0
+    for x in range(pixels):
+        a0, a1, a2, a3 = terms[i, x, 0], terms[i, x, 1], terms[i, x, 2], terms[i, x, 3]
+        p00, p10, p11, p20, p21 = p00 + a0 * a0, p10 + a1 * a0, p11 + a1 * a1, p20 + a2 * a0, p21 + a2 * a1
+        p22, p30, p31, p32, p33 = p22 + a2 * a2, p30 + a3 * a0, p31 + a3 * a1, p32 + a3 * a2, p33 + a3 * a3
+    r = TILE * i
+    products[r, r], products[r + 1, r], products[r + 1, r + 1] = p00, p10, p11
+    products[r + 2, r], products[r + 2, r + 1], products[r + 2, r + 2] = p20, p21, p22
+    products[r + 3, r], products[r + 3, r + 1] = p30, p31
+    products[r + 3, r + 2], products[r + 3, r + 3] = p32, p33
