@@ -12,7 +12,7 @@ from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS
 from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX
-from uavbench.tracker.robust.edges.subpixel_kernels import crowd, edges_near, extents_of_edges
+from uavbench.tracker.robust.edges.subpixel_kernels import Crowd, crowd, edges_near, extents_of_edges
 from uavbench.tracker.robust.view import View
 
 SPACING_PX = RobustConfig().edges.sampling.spacing_px
@@ -62,12 +62,13 @@ def lines_of(*edges):
 
 
 def crowd_of(at, first, p, most=6):
-    edges = np.full((most, 4), np.nan)
+    crowded = Crowd(np.full((most, 4), np.nan), np.zeros(most, np.int64))
     group, reach_px = int(np.searchsorted(first, p, side="right")) - 1, REACH_PX + CLEAR_WIDTHS * FIRST_BLUR_PX
     extents, others = extents_of_edges.for_python(at, first), np.zeros(len(first) - 1, np.int64)
     near = others[: edges_near(extents, group, reach_px, others)]
-    count = crowd(at, first, p, extents.half_px, near, reach_px, edges)
-    return edges[:count]
+    count = crowd(at, first, p, extents.half_px, near, reach_px, crowded)
+    np.testing.assert_array_equal(at.lines[crowded.points[:count], :2], crowded.lines[:count, :2])
+    return crowded.lines[:count]
 
 
 def test_edges_that_are_far_from_all_of_an_edge_are_not_looked_at():

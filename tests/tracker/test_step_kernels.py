@@ -44,8 +44,8 @@ def strip(gap, distance, angle_deg, middle=0.3):
     return np.clip(np.rint(codes), 0, 255).astype(np.uint8), lines
 
 
-def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB[None]):
-    room = room_for(6, len(light) - 1, 2)
+def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB[None], room=None):
+    room = room_for(6, len(light) - 1, 2) if room is None else room
     return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room)
 
 
@@ -126,6 +126,32 @@ def test_one_alone_would_be_drawn_to_the_other():
     image, lines = strip(1.5, 0.2, 30)
     _, colour = direction()
     assert max(abs(fit(image, line, 0.2, colour)[0] - 0.2) for line in lines) > 0.03
+
+
+@pytest.mark.parametrize("angle", [30, 110, 200])
+@pytest.mark.parametrize(("gap", "middle"), [(1.5, 0.3), (1.5, 0.7), (2.5, 0.1), (2.5, 0.5), (4.0, 0.3)])
+def test_steps_that_moved_apart_have_a_share_each_in_the_distance(gap, middle, angle):
+    image, lines = strip(gap, 0.0, angle, middle)
+    _, colour = direction()
+    for order in ([0, 1], [1, 0]):
+        there, _ = fit(image, lines[order], 0.0, colour)
+        for apart in (-0.04, 0.04):
+            moved, room = lines.copy(), room_for(6, 0, 2)
+            moved[1, :2] -= apart * lines[1, 2:]
+            found, _ = fit(image, moved[order], 0.0, colour, room=room)
+            shares = room.shares[:2]
+            assert shares.sum() == pytest.approx(1.0, abs=0.03)
+            assert found - there == pytest.approx(shares @ np.array([0.0, apart])[order], abs=0.006)
+
+
+def test_the_share_of_the_step_of_more_light_is_the_larger_one():
+    _, colour = direction()
+    for middle, larger in ((0.9, 0), (0.1, 1)):
+        image, lines = strip(2.5, 0.0, 20, middle)
+        for order in ([0, 1], [1, 0]):
+            room = room_for(6, 0, 2)
+            fit(image, lines[order], 0.0, colour, room=room)
+            assert room.shares[order.index(larger)] > 0.8
 
 
 def test_a_strip_of_less_light_than_either_side_is_found_too():

@@ -13,8 +13,10 @@ from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, l
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX, Strip, room_for
 from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
+from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
@@ -30,27 +32,41 @@ BENT_PX = 8.0
 
 
 class FittedPoints(NamedTuple):
-    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it."""
+    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it.
+
+    at: the view that it found.
+    """
 
     residual: Array
     weight: Array
     variance_px2: Array
+    at: View
 
 
 class SubpixelEdges(NamedTuple):
     """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,).
 
     steps (n,): number of steps fitted together, 0 where none was. by_response (n, r): derivatives of the distance for
-    the numbers of the response, 0 without a step.
+    the numbers of the response, 0 without a step. points (n, 3), lines (n, 4): what moves as the distance does, the
+    control points, or where steps are fitted together a point between those of their edges.
     """
 
     distance: Array
     variance_px2: Array
     steps: Indices
     by_response: Array
+    points: Array
+    lines: Array
 
 
-FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
+class Crowd(NamedTuple):
+    """Edges that lie together: lines (k, 4), pixel and normal on the side of the first; points (k,), one of each."""
+
+    lines: Array
+    points: Indices
+
+
+FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1! view", view=VIEW)
 
 
 @compiled(
@@ -84,7 +100,9 @@ def refine_subpixel(
     numbers = len(optics.light) - 1
     by_response, alone = np.zeros((len(lines), numbers)), Optics(optics.light[:1], optics.blur_px)
     coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, alone), REACH_PX + CLEAR_WIDTHS * optics.blur_px
-    colour, edges, sums = np.empty(3), np.empty((MOST_STEPS, 4)), room_for(MOST_STEPS, numbers, FINE_LINES)
+    colour, sums = np.empty(3), room_for(MOST_STEPS, numbers, FINE_LINES)
+    moved, moved_lines = points.points.copy(), lines.copy()
+    crowded = Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64))
     of_light = room_for(MOST_STEPS, 0, COARSE_LINES)
     extents, others = extents_of_edges(at, first), np.empty(len(first) - 1, np.int64)
     for g in range(len(first) - 1):
@@ -101,20 +119,50 @@ def refine_subpixel(
             distance[p, 0] = residual[p]
             if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
                 continue
-            steps = crowd(at, first, p, extents.half_px, crowding, reach_px, edges)
+            steps = crowd(at, first, p, extents.half_px, crowding, reach_px, crowded)
             if steps == 0:
                 continue
-            near = fit_step(image, edges[:steps], start, coarse, colour, of_light)
+            edges = crowded.lines[:steps]
+            near = fit_step(image, edges, start, coarse, colour, of_light)
             if not abs(near.distance - start) < MAX_SHIFT_PX:
                 continue
-            found = fit_step(image, edges[:steps], near.distance, Strip(along, FINE_LINES, optics), colour, sums)
+            found = fit_step(image, edges, near.distance, Strip(along, FINE_LINES, optics), colour, sums)
             if abs(found.distance - start) < MAX_SHIFT_PX:
                 distance[p, 0], together[p] = found.distance, steps
                 learned = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
                 variance[p] = found.variance_px2 + learned
                 by_response[p] = sums.by_response
+                if steps > 1:
+                    shares = sums.shares[:steps]
+                    share_motion(points.points, crowded.points, shares, fitted.at, moved[p], moved_lines[p])
         share_evenly(by_response, together, first, g)
-    return SubpixelEdges(distance, variance, together, by_response)
+    return SubpixelEdges(distance, variance, together, by_response, moved, moved_lines)
+
+
+@inlined
+def share_motion(points: Array, of: Indices, shares: Array, view: View, point: Array, line: Array) -> None:
+    """Write the point (3,) that moves in the image as the mean by shares (k,) of k points, and its pixel into line.
+
+    A pixel is linear in a point over its depth: so is its motion, and the mean of several points over their depths is
+    one between them over its own. Shares below 0 count as 0: those are of heights that are hardly told apart.
+    """
+    R, t, depth = view.R, view.t, 0.0
+    mean = np.zeros(3)
+    for k in range(len(shares)):
+        x, y, z = points[of[k], 0], points[of[k], 1], points[of[k], 2]
+        per_depth = max(0.0, shares[k]) / (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2])
+        depth += per_depth
+        mean[0], mean[1], mean[2] = mean[0] + per_depth * x, mean[1] + per_depth * y, mean[2] + per_depth * z
+    if not depth > 0.0:
+        return
+    x, y, z = mean[0] / depth, mean[1] / depth, mean[2] / depth
+    point[0], point[1], point[2] = x, y, z
+    line[U], line[V] = project(
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0],
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1],
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2],
+        view.lens,
+    )
 
 
 @inlined
@@ -179,15 +227,16 @@ def edges_near(extents: Extents, group: int, reach_px: float, others: Indices) -
 
 @inlined
 def crowd(
-    at: SearchLines, first: Indices, p: int, half_px: Array, others: Indices, reach_px: float, edges: Array
+    at: SearchLines, first: Indices, p: int, half_px: Array, others: Indices, reach_px: float, into: Crowd
 ) -> int:
     """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
 
     others: edges that are near, half_px (g,): see `Extents`. Their lines, pixel and normal on the side of the point's
-    own, are written into edges (., 4). An edge is represented by its control point nearest to p, and ends half a
-    spacing from its last one.
+    own, and a point of each are written into `into`. An edge is represented by its control point nearest to p, and ends
+    half a spacing from its last one.
     """
-    lines, side, count = at.lines, at.side, 1
+    lines, side, edges, count = at.lines, at.side, into.lines, 1
+    into.points[0] = p
     u, v, nu, nv = lines[p, U], lines[p, V], lines[p, NORMAL_U], lines[p, NORMAL_V]
     edges[0, U], edges[0, V], edges[0, NORMAL_U], edges[0, NORMAL_V] = u, v, nu, nv
     for g in others:
@@ -219,5 +268,6 @@ def crowd(
         sign = 1.0 if cosine > 0.0 else -1.0
         edges[count, U], edges[count, V] = lines[nearest, U], lines[nearest, V]
         edges[count, NORMAL_U], edges[count, NORMAL_V] = sign * mu, sign * mv
+        into.points[count] = nearest
         count += 1
     return count

@@ -182,7 +182,7 @@ def locate(image: Image, fitted: Fitted, view: View, optics: Optics, model: Edge
     """Estimate from intensity steps fitted to the pixels around the control points, starting at a fit's view."""
     before, weighting = fitted.measured, fitted.weighting
     points, lines = before.points, search_lines(before.points, model.ends, model.inward, view)
-    points_before = FittedPoints(weighting.residual, weighting.weight, before.variance_px2)
+    points_before = FittedPoints(weighting.residual, weighting.weight, before.variance_px2, view)
     steps = refine_subpixel(image, lines, points, model.appearance, points_before, optics, values.weights)
     weak_step = values.appearance.weak_step_grey
     weight = contrast_weights(points.rows, model.appearance, weak_step, values.weights)
@@ -190,7 +190,9 @@ def locate(image: Image, fitted: Fitted, view: View, optics: Optics, model: Edge
         if steps.steps[p] == 0:
             weight[p] = before.weight[p]
     candidates = Candidates(steps.distance, before.candidates.contrast)
-    measured = EdgeMeasurements(points, lines, candidates, weight, steps.variance_px2, steps.by_response)
+    moved = ControlPoints(steps.points, points.keys, points.rows, points.first)
+    lines = SearchLines(steps.lines, lines.jacobian, lines.side)
+    measured = EdgeMeasurements(moved, lines, candidates, weight, steps.variance_px2, steps.by_response)
     last = values.widths.last
     estimate = refine(measured, fitted.matches, fitted.biases, fitted.prior, view, last, values.estimator)
     return Located(estimate, steps.steps, steps.by_response)

@@ -72,7 +72,8 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 
     Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels; otherwise the
-    derivatives of the distance for the response are in `sums`.
+    derivatives of the distance for the response, and where there are several steps for their own distances, are in
+    `sums`.
     """
     steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
     if n < 3 * ACROSS:
@@ -131,6 +132,17 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
         for i in range(steps):
             moved -= A[steps, i] * x[i]
         sums.by_response[r] = -moved * A[steps, steps]
+    for own in range(steps if steps > 1 else 0):
+        slope, moved = 2 * own + 1, 0.0
+        for i in range(steps):
+            moved += height[i] * products[slope, 2 * i + 1]
+            x[i] = shift * products[slope, 2 * i + 1] - products[slope, 2 * i]
+            for k in range(i):
+                x[i] -= A[i, k] * x[k]
+            x[i] *= A[i, i]
+        for i in range(steps):
+            moved -= A[steps, i] * x[i]
+        sums.shares[own] = height[own] * moved * A[steps, steps]
     return Step(start + shift, noise * A[steps, steps])
 
 

@@ -42,7 +42,8 @@ class Sums(NamedTuple):
 
     terms (m, p, TILE): in so many blocks of columns, at each of p pixels, H and H' of each step, the light, 1, and the
     light's derivatives. products (TILE m, TILE m): its lower half is their sums over all pixels. A (k + 1, k + 1),
-    x (k + 1,): normal equations of the heights and the shift. height (k,). by_response (r,): derivatives of the shift.
+    x (k + 1,): normal equations of the heights and the shift. height (k,). shares (k,): derivatives of the shift for
+    those of each step. by_response (r,): derivatives of the shift.
     """
 
     terms: Array
@@ -50,6 +51,7 @@ class Sums(NamedTuple):
     A: Array
     x: Array
     height: Array
+    shares: Array
     by_response: Array
 
 
@@ -62,6 +64,7 @@ def room_for(steps: int, derivatives: int, beside: int) -> Sums:
         np.empty((TILE * blocks, TILE * blocks)),
         np.empty((unknowns, unknowns)),
         np.empty(unknowns),
+        np.empty(steps),
         np.empty(steps),
         np.empty(derivatives),
     )
