@@ -30,7 +30,7 @@ def fitted(step_ns, off=OFF[0]):
     expected = Motion(away, 0.1**2 * np.eye(6))
     frame = run.frames.prepared(images[KNOWN], KNOWN * step_ns, expected, StageClock())
     fit = run.fitter.fit(frame.image, away, expected.covariance, StageClock())
-    return run, frame, fit, run.decider.repeated(frame, fit, StageClock()), poses[KNOWN]
+    return run, frame, fit, run.follower.repeated(frame, fit, StageClock()), poses[KNOWN]
 
 
 def error(fit, pose):
@@ -48,7 +48,7 @@ def test_a_fit_that_finds_no_more_from_there_is_kept():
     run, frame, _, again, _ = fitted(200_000_000)
     last = again
     for _ in range(6):
-        again, last = run.decider.repeated(frame, again, StageClock()), again
+        again, last = run.follower.repeated(frame, again, StageClock()), again
     assert again is last
 
 

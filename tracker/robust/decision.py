@@ -72,7 +72,6 @@ class Decider:
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
         first = self.state.is_first
-        tracked = self.repeated(frame, tracked, clock)
         found = self.initialized_or_recovered(frame, tracked, clock)
         patches = self.fitter.texture
         best = self.without_patches(frame, found.fit, clock)
@@ -183,19 +182,6 @@ class Decider:
             self.until_search = SEARCH_EVERY if spared else 0
             self.searched_suspect = is_suspect(fit)
         return found
-
-    def repeated(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
-        """The fit, or one that begins where it ends, if that has more support; where frames have budget for it.
-
-        What the prediction was too far from to be found is found from there, in a fraction of a search's time.
-        """
-        has_budget = not self.config.budget.is_least(frame.step_s) and self.fitter.has_room_for(1)
-        if self.state.is_first or not (has_budget and fit.finite):
-            return fit
-        wide = isotropic_covariance(self.config.relocalization.found_sigma, self.state.range_m)
-        half_px = self.relocator.searcher.half_px
-        again = self.fitter.fit(frame.image, fit.cam_from_world, wide, clock, half_px)
-        return again if again.finite and again.support > fit.support else fit
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit, or one of the edges alone if they contradict the patches and have clearly more support."""

@@ -12,6 +12,7 @@ from uavbench.tracker.robust.decision import Decider, Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.fit.unit_weight import UnitWeight
+from uavbench.tracker.robust.follow import Follower
 from uavbench.tracker.robust.frames import Frame, Frames
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
@@ -57,6 +58,7 @@ class RobustRun:
         self.fitter = EdgeFitter(structure, camera, rng, config)
         self.frames = Frames(self.fitter, self.state, config)
         self.decider = Decider(self.fitter, camera, self.state, config)
+        self.follower = Follower(self.fitter, self.state, self.decider.relocator.searcher, config)
         self.unit_weight = UnitWeight(config.edges.appearance.learning_rate)
         self.expected: Motion | None = None
 
@@ -79,8 +81,9 @@ class RobustRun:
         if not self.frames.is_new(image, stamp_ns):
             return TrackResult(status="lost")
         frame = self.frames.prepared(image, stamp_ns, expected, clock)
-        fit = self.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
+        fit = self.follower.fit(frame, clock)
         fit, frame = self.frames.compensated(frame, fit, clock)
+        fit = self.follower.repeated(frame, fit, clock)
         decision = self.decider.decide(frame, fit, clock)
         if not decision.settled:
             self.state.suppose(decision.contenders, frame.likely, frame.dt_s, stamp_ns)

@@ -78,6 +78,11 @@ class Searched(NamedTuple):
     found: Solution
     patches: Indices
 
+    def with_covariance(self, covariance: Array) -> "Searched":
+        """The same matches, of a prediction with another covariance (6, 6)."""
+        prior = self.problem.prior._replace(information=inverse6(covariance))
+        return self._replace(problem=self.problem._replace(covariance=covariance, prior=prior))
+
 
 class FitResiduals(NamedTuple):
     """Inputs and residuals of a fit, from which appearance and biases are learned.

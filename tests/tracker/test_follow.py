@@ -1,0 +1,83 @@
+"""A track is matched where its poses usually are, and told by the image alone."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import CAMERA, box, flown
+from uavbench.tracker.robust.motion_model import Motion
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
+
+KNOWN, STEP_NS = 12, 66_666_667
+"""Frames before the one that is looked at, and the time between them."""
+
+
+@lru_cache(maxsize=1)
+def flight():
+    return flown(KNOWN + 1, seed=11)
+
+
+def after(known=KNOWN, expected=None, step_ns=STEP_NS, off=None):
+    """A run after some frames, the next one, prepared, and its true pose; off: a twist by which its prediction is."""
+    poses, images = flight()
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    for i in range(known):
+        assert run.track(images[i], i * STEP_NS).status == "ok"
+    stamp_ns = (known - 1) * STEP_NS + step_ns
+    assert run.frames.is_new(images[known], stamp_ns)
+    frame = run.frames.prepared(images[known], stamp_ns, expected, StageClock())
+    if off is not None:
+        away = Pose.exp(np.array(off)) @ poses[known]
+        away = Pose(np.ascontiguousarray(away.rotation), np.ascontiguousarray(away.translation))
+        moved = Motion(away, frame.predicted.covariance)
+        frame = frame._replace(predicted=moved, likely=(frame.likely[0]._replace(predicted=moved),))
+    return run, frame, poses[known]
+
+
+def error(fit, pose):
+    return np.linalg.norm((fit.cam_from_world @ pose.inverse()).log())
+
+
+def test_the_covariance_is_that_of_the_image_and_not_of_the_usual_prediction():
+    run, frame, pose = after()
+    usual = run.follower.usual(frame)
+    assert np.trace(usual) < 0.2 * np.trace(frame.predicted.covariance), "predictions must be good here"
+    usual = 0.1 * usual
+    held = run.follower.held(frame, usual, StageClock())
+    free = run.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, StageClock())
+    twice = run.fitter.fit(frame.image, frame.predicted.cam_from_world, usual, StageClock())
+    np.testing.assert_allclose(np.diag(held.covariance), np.diag(free.covariance), rtol=0.05)
+    assert np.trace(twice.covariance) < 0.7 * np.trace(held.covariance)
+    assert error(held, pose) < 0.004
+
+
+def test_a_pose_as_usual_is_fitted_once():
+    run, frame, _ = after()
+    assert run.follower.fit(frame, StageClock()).searched.problem.covariance is frame.predicted.covariance
+    once = run.fitter.work.done
+    run.fitter.work.done = 0
+    run.follower.held(frame, run.follower.usual(frame), StageClock())
+    assert once == run.fitter.work.done
+
+
+@pytest.mark.parametrize("off", [[0.02, 0.0, 0.01, 0.0, 0.02, 0.0], [0.0, -0.02, 0.0, 0.02, 0.0, 0.01]])
+def test_after_an_unusual_motion_the_likelier_fit_counts(off):
+    run, frame, pose = after(off=off)
+    fit = run.follower.fit(frame, StageClock())
+    free = run.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, StageClock())
+    assert error(fit, pose) < 0.004
+    assert run.follower.worth(frame, fit) >= run.follower.worth(frame, free)
+
+
+def test_nothing_is_usual_of_a_first_frame_one_after_a_pause_or_a_loss_or_a_vehicles_prediction():
+    run, frame, pose = after()
+    assert run.follower.usual(frame) is not None
+    run.state.is_lost = True
+    assert run.follower.usual(frame) is None
+    known = Motion(Pose(np.ascontiguousarray(pose.rotation), pose.translation), 1e-6 * np.eye(6))
+    for other in ({"known": 0}, {"step_ns": 3 * STEP_NS}, {"expected": known}):
+        run, frame, _ = after(**other)
+        assert run.follower.usual(frame) is None

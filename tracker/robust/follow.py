@@ -1,0 +1,79 @@
+"""The fit by which a track goes on: from its prediction, and from where that fit ends."""
+
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.frames import Frame
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
+from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Array
+
+
+class Follower:
+    """Fits frames from their predictions."""
+
+    def __init__(self, fitter: EdgeFitter, state: TrackState, searcher: PoseSearch, config: RobustConfig) -> None:
+        self.fitter, self.state, self.searcher, self.config = fitter, state, searcher, config
+
+    def fit(self, frame: Frame, clock: StageClock) -> Fit:
+        """The fit from the prediction, matched where this run's poses usually are.
+
+        Where that looks worse than usual, or is farther away, one not held there is made, and the likelier one counts.
+        """
+        at, usual = frame.predicted, self.usual(frame)
+        if usual is None:
+            return self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
+        held = self.held(frame, usual, clock)
+        near = Motion(at.cam_from_world, usual).squared_mahalanobis(held.cam_from_world) <= FAR_CHI2
+        if held.finite and near and held.support >= self.state.usual_or_good():
+            return held
+        free = self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
+        return max(free, held, key=lambda each: self.worth(frame, each))
+
+    def held(self, frame: Frame, usual: Array, clock: StageClock) -> Fit:
+        """A fit that is matched by a prediction of this covariance (6, 6), and estimated by the frame's.
+
+        So edges are those nearest to where the pose is thought to be, while the pose itself is told by the image: what
+        made the prediction has the errors of the image before, which would count twice.
+        """
+        fitter, at = self.fitter, frame.predicted
+        found = fitter.search(frame.image, at.cam_from_world, usual, clock)
+        if isinstance(found, Fit):
+            return found
+        found = found.with_covariance(at.covariance)
+        located = fitter.locate(found, clock)
+        with clock.stage("support"):
+            return fitter.judge.fit(found, located)
+
+    def worth(self, frame: Frame, fit: Fit) -> float:
+        """Support of a fit, and its worth before its frame; -inf where it has no pose."""
+        if not fit.finite:
+            return -float("inf")
+        return fit.support + frame.likely[0].prior(fit.cam_from_world, self.config.relocalization.lead)
+
+    def usual(self, frame: Frame) -> Array | None:
+        """Covariance (6, 6) that the run's own predictions have shown; None where they say nothing of this frame.
+
+        Where frames are farther apart than those of the least budget, motion between them is not smooth.
+        """
+        state, own = self.state, frame.extrapolated_s > 0.0 and not self.state.hypotheses
+        if state.is_first or state.is_lost or not (own and self.fitter.sharp):
+            return None
+        if not self.config.budget.is_least(frame.step_s):
+            return None
+        known = state.motion.covariance
+        return known + state.prediction_errors.scale * (frame.predicted.covariance - known)
+
+    def repeated(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The fit, or one that begins where it ends, if that has more support; where frames have budget for it.
+
+        What the prediction was too far from to be found is found from there, in a fraction of a search's time.
+        """
+        has_budget = not self.config.budget.is_least(frame.step_s) and self.fitter.has_room_for(1)
+        if self.state.is_first or not (has_budget and fit.finite):
+            return fit
+        wide = isotropic_covariance(self.config.relocalization.found_sigma, self.state.range_m)
+        again = self.fitter.fit(frame.image, fit.cam_from_world, wide, clock, self.searcher.half_px)
+        return again if again.finite and again.support > fit.support else fit
