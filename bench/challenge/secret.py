@@ -8,11 +8,14 @@ import os
 import re
 import secrets
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.placing import rename_new
 from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.files.temporary_names import temporary
 
 SECRET_BYTES = 32
 MOST_OF_ONE_DIGIT = 20
@@ -54,13 +57,15 @@ def read_or_make(path: Path) -> Secret:
 
 def _make(path: Path) -> None:
     """Write a new secret to a file that only its owner can read."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = (
         "# Whoever has this can render the ground truth of the challenge. Keep it until the challenge is over.\n"
         f'secret = "{secrets.token_hex(SECRET_BYTES)}"\n'
     )
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(handle)
+    with temporary(path) as own:
+        handle = os.open(own.made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(handle)
+        with suppress(FileExistsError):  # another process was faster
+            rename_new(own.made, path)

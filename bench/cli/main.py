@@ -84,8 +84,9 @@ class Group(click.Group):
             if error.errno not in DISK_ERRORS:
                 raise
             ctx.exit(told(DiskError.of(error), ctx.invoked_subcommand))
-        except KeyboardInterrupt:
-            say("uavbench: interrupted; the same command goes on from here", err=True)
+        except KeyboardInterrupt as error:
+            notes = getattr(error, "__notes__", ["run the same command again"])
+            say(f"uavbench: interrupted; {'; '.join(notes)}", err=True)
             ctx.exit(130)
 
 

@@ -32,6 +32,7 @@ from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.reports.statistics.bootstrap import hierarchical_interval
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.folders import folder_for
 
 FREE = ("uavbench",)
 """Details of an environment that are not compared: they change with every commit of uavbench's own repository."""
@@ -173,10 +174,10 @@ def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) 
 @contextmanager
 def alone(file: Path) -> Iterator[None]:
     """Exclusive lock on the folder of a history: concurrent records would overwrite each other."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
+    with folder_for(file):
+        handle = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(handle)

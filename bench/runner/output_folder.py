@@ -50,7 +50,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
     """The folder, created or reopened; UserError when it holds something other than this kind or is in use.
 
     Different shards of a suite may use one folder at the same time; other processes may not. Incomplete files of killed
-    processes are removed before and after.
+    processes are removed before and after. An interrupt notes that what is done is kept.
     """
     refuse_foreign_folder(folder, kind)
     with ExitStack() as stack:
@@ -74,6 +74,9 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
         try:
             _describe(folder, suite, kind)
             yield folder
+        except KeyboardInterrupt as error:
+            error.add_note("the same command goes on from here")
+            raise
         finally:
             clean_leftovers(folder, alone=shard is None)
 

@@ -3,7 +3,11 @@
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.main import main
+from uavbench.bench.runner import commands
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.exports import registry
 
 
 def uavbench(*arguments):
@@ -36,3 +40,16 @@ def test_a_missing_file_is_told_with_what_to_name(arguments, told, tmp_path, mon
     done = uavbench(*arguments)
     assert done.exit_code == 2
     assert told in done.output
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_says_that_a_suite_goes_on_and_nothing_of_the_kind_of_what_begins_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(commands, "run_graph", interrupted)
+    monkeypatch.setattr(registry, "new_folder", interrupted)
+    suite = uavbench("render", small_suite(tmp_path), "--out", tmp_path / "out")
+    export = uavbench("export", TRIAL, "--format", "tum", "--out", tmp_path / "tum")
+    assert (suite.exit_code, suite.stderr) == (130, "uavbench: interrupted; the same command goes on from here\n")
+    assert (export.exit_code, export.stderr) == (130, "uavbench: interrupted; run the same command again\n")

@@ -214,9 +214,9 @@ Group("g", [click.command(name="c")({what})])(["c"])
 @pytest.mark.parametrize(
     ("what", "ended"),
     [
-        ("caught_by_a_library", (130, "", "uavbench: interrupted; the same command goes on from here\n")),
-        ("cleaning_up", (130, "cleaned up\n", "uavbench: interrupted; the same command goes on from here\n")),
-        ("with_a_slow_finalizer", (130, "cleaned up\n", "uavbench: interrupted; the same command goes on from here\n")),
+        ("caught_by_a_library", (130, "", "uavbench: interrupted; run the same command again\n")),
+        ("cleaning_up", (130, "cleaned up\n", "uavbench: interrupted; run the same command again\n")),
+        ("with_a_slow_finalizer", (130, "cleaned up\n", "uavbench: interrupted; run the same command again\n")),
         ("told_otherwise", (2, "", "uavbench: told otherwise\n")),
     ],
 )

@@ -15,7 +15,7 @@ import pytest
 
 from tests.bench.process_trees import as_from_a_terminal
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files import origin, temporary_names, writing
+from uavbench.trajectories.files import folders, origin, temporary_names, writing
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.seals import is_sealed, seal, seal_table, sealed_kind
@@ -329,6 +329,52 @@ def test_an_error_or_an_interrupt_in_the_middle_leaves_the_old_and_nothing_else(
             new.write_text("half")
             raise error
     assert snapshot(tmp_path) == before
+
+
+WRITERS = {
+    "a file": lambda path: new_file(path, kind=RECORD.kind),
+    "a folder": lambda path: new_folder(path, RECORD),
+    "parts": lambda path: new_parts(path, REPORT),
+}
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_no_folder_is_left_of_what_was_not_made_but_those_that_were_there_before(tmp_path, write):
+    (tmp_path / "there").mkdir()
+    before = snapshot(tmp_path)
+    with pytest.raises(KeyboardInterrupt), write(tmp_path / "there" / "a" / "b"):
+        raise KeyboardInterrupt
+    assert snapshot(tmp_path) == before
+    with pytest.raises(KeyboardInterrupt), write(tmp_path / "there" / "a" / "b"):
+        (tmp_path / "there" / "a" / "of another process.txt").write_bytes(PRECIOUS)
+        raise KeyboardInterrupt
+    assert (tmp_path / "there" / "a" / "of another process.txt").read_bytes() == PRECIOUS
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+@pytest.mark.parametrize("where", ["file/b", "/proc/none/b", "/proc/self/b"])
+def test_a_place_where_nothing_can_be_made_is_told_as_that(tmp_path, write, where):
+    (tmp_path / "file").touch()
+    before = snapshot(tmp_path)
+    with pytest.raises(NotADirectoryError) as told, write(tmp_path / where):
+        pass
+    assert told.value.filename == str(tmp_path / where) and "-uavbench-" not in str(told.value)
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_folder_that_another_process_made_in_vain_and_removed_is_made_again(tmp_path, write, monkeypatch):
+    make = folders.make_folder
+
+    def made_and_removed(folder):
+        monkeypatch.setattr(folders, "make_folder", make)
+        make(folder)
+        folder.rmdir()
+
+    monkeypatch.setattr(folders, "make_folder", made_and_removed)
+    with write(tmp_path / "a" / "b") as new:
+        (new / "report.json" if new.is_dir() else new).write_text("{}")
+    assert (tmp_path / "a" / "b").exists()
 
 
 KILLED = """

@@ -21,6 +21,7 @@ from functools import cache
 from pathlib import Path
 
 from uavbench.trajectories.errors import DISK_ERRORS
+from uavbench.trajectories.files.folders import folder_for, make_folder
 from uavbench.trajectories.files.placing import give_back
 
 OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
@@ -49,8 +50,15 @@ class Temporary:
 def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
     """Temporary names next to `path`, removed on exit; a disk error in the context names the path itself, or `told`.
 
-    The first time in a folder, leftovers of dead processes are removed from it.
+    The folder is made if it is missing, and removed again where nothing comes in. The first time in a folder, leftovers
+    of dead processes are removed from it.
     """
+    with folder_for(path, told), _temporary(path, told) as own:
+        yield own
+
+
+@contextmanager
+def _temporary(path: Path, told: Path | None) -> Iterator[Temporary]:
     clean_once(path.parent)
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
@@ -59,11 +67,9 @@ def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
     own = Temporary(path.with_name(stem + path.suffix * keeps), path.with_name(stem + REPLACED))
     text = f"uavbench {_machine()} {os.getpid()} {start_ticks(os.getpid())} {token} {path.name}"
     try:
-        owner.symlink_to(text)
+        _claim(owner, text)
     except OSError as error:
-        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
-            raise OSError(error.errno, error.strerror, str(told or path)) from None
-        owner.write_bytes(os.fsencode(text))  # file systems without links
+        raise OSError(error.errno, error.strerror, str(told or path)) from None
     try:
         yield own
     except OSError as error:
@@ -75,6 +81,21 @@ def temporary(path: Path, told: Path | None = None) -> Iterator[Temporary]:
             give_back(own.replaced, path)
         if _remove(own.made) and _remove(own.replaced):
             owner.unlink(missing_ok=True)
+
+
+def _claim(owner: Path, text: str) -> None:
+    """Create the link of an owner, or a file where the file system has no links."""
+    try:
+        owner.symlink_to(text)
+    except FileNotFoundError:
+        if owner.parent.is_dir():  # where nothing can be created, as in `/proc`
+            raise NotADirectoryError(errno.ENOTDIR, "no file can be made there") from None
+        make_folder(owner.parent)  # another process has made it in vain, and removed it
+        _claim(owner, text)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
+            raise
+        owner.write_bytes(os.fsencode(text))
 
 
 def is_temporary(name: str) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Concatenate, ParamSpec
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.folders import make_folder
 from uavbench.trajectories.files.listed import Listed, Marker, file_digest, is_file_of, mark, tree
 from uavbench.trajectories.files.origin import (
     foreign,
@@ -39,8 +40,8 @@ def new_file(path: Path, *, kind: str = "", beside: Path | None = None) -> Itera
     kind: what the file is (`camera calibration`); it is sealed as that, so that the same kind may overwrite it later,
     and `beside`, which has no seal of its own. UserError when `path` exists and is not an unmodified file of this kind.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     if not _unfinished.isdisjoint(path.parents):
+        make_folder(path.parent)
         try:
             yield path
         except BaseException:
@@ -71,7 +72,6 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
     refuse_within_whole(path)
     clean_once(path.parent)  # first, because it may put back what a killed process had set aside
     refuse_foreign(path, marker)
-    path.parent.mkdir(parents=True, exist_ok=True)
     with temporary(path) as own:
         with _making(own.made):
             yield own.made
@@ -119,7 +119,6 @@ def new_parts(folder: Path, marker: Marker) -> Iterator[Path]:
     refuse_within_whole(folder)
     if not folder.is_dir():  # a link to a folder may be named
         refuse_no_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     with temporary(folder / Path(marker.name).stem, folder) as own:
         with _making(own.made):
             yield own.made

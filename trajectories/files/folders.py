@@ -1,0 +1,36 @@
+"""Folders made for what is written into them: told where they cannot be, removed where nothing came in."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import takewhile
+from pathlib import Path
+
+
+@contextmanager
+def folder_for(path: Path, told: Path | None = None) -> Iterator[None]:
+    """The folder of `path`, made with those above it; of those made, empty ones are removed when the context fails.
+
+    NotADirectoryError of `told`, by default of the path, when a file stands where a folder should be, or when the file
+    system has no new folders, as `/proc`.
+    """
+    missing = list(takewhile(lambda above: not os.path.lexists(above), path.parents))
+    try:
+        make_folder(path.parent)
+    except (FileNotFoundError, FileExistsError, NotADirectoryError):
+        above = next((each for each in path.parents if os.path.lexists(each)), path.parent)
+        why = "no folder can be made there" if above.is_dir() else f"{above} is not a folder"
+        raise NotADirectoryError(errno.ENOTDIR, why, str(told or path)) from None
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # one that is not empty, as other processes write into it
+            for each in missing:
+                each.rmdir()
+        raise
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it where they are missing."""
+    folder.mkdir(parents=True, exist_ok=True)
