@@ -21,6 +21,8 @@ from uavbench.scenes.model_files.mesh_checks import check, check_file, check_tex
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap
+from uavbench.scenes.model_files.polygons.off import as_obj
+from uavbench.scenes.model_files.polygons.ply import triangles_of
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.primitives.solids import Solid, covered
 from uavbench.scenes.renderables import BuiltStructure, Part
@@ -116,6 +118,8 @@ def read(path: Path) -> list[Loaded]:
     data = read_bytes(path, MODEL)
     data = data.removeprefix(BOM_UTF8) if kind == ".obj" else data  # its first line would be unknown, and left out
     check_file(path, data)
+    if kind == ".off":
+        kind, data = ".obj", as_obj(path, data)
     data = with_triangles(path, data) if kind == ".obj" else data
     import trimesh
 
@@ -143,9 +147,7 @@ def read(path: Path) -> list[Loaded]:
             corners = np.asarray(mesh.faces)
             if np.shape(mesh.vertices)[1:] != (3,) or corners.min() < 0 or corners.max() >= len(mesh.vertices):
                 raise UserError(f"{path}: a face of {name} refers to a missing vertex; export the model again")
-            piece = Loaded(
-                np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64), name=str(name)
-            )
+            piece = Loaded(np.array(mesh.vertices, dtype=np.float64), triangles_of(path, mesh), name=str(name))
             piece = piece.moved(np.array(matrix[:3, :3]), np.array(matrix[:3, 3]))
             if np.linalg.det(matrix[:3, :3]) < 0:
                 piece = piece.flipped()

@@ -1,4 +1,5 @@
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -480,6 +481,44 @@ def test_a_concave_face_does_not_cover_its_opening(tmp_path: Path, corners: str)
     area = np.linalg.norm(np.cross(front[:, 1] - front[:, 0], front[:, 2] - front[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(3 * 3 - 1 * 2)
     assert len(structure.edges) == 24  # 8 around the front, as many at the back, 8 between them
+
+
+def in_format(obj: Path, kind: str, front: list[int] | None = None) -> Path:
+    """The model of an OBJ file as a text of another format, its faces as they are, or with another last one."""
+    rows = [line.split() for line in obj.read_text().splitlines()]
+    points = [row[1:] for row in rows if row[0] == "v"]
+    faces = [[int(word) - 1 for word in row[1:]] for row in rows if row[0] == "f"]
+    faces = faces if front is None else [*faces[:-1], front]
+    head = f"OFF # of a doorway\n\n{len(points)} {len(faces)} 0\n"
+    if kind == ".ply":
+        axes = "".join(f"property float {axis}\n" for axis in "xyz")
+        head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{axes}element face {len(faces)}\n"
+        head += "property list uchar int vertex_indices\nend_header\n"
+    lines = [*points, *[[len(face), *face] for face in faces]]
+    path = obj.with_suffix(kind)
+    path.write_text(head + "\n".join(" ".join(map(str, line)) for line in lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", [".ply", ".off"])
+def test_a_concave_face_of_other_formats_does_not_cover_its_opening_either(tmp_path: Path, kind: str) -> None:
+    obj = with_an_opening(tmp_path / "door.obj")
+    one, other = (built(path, keep_origin=True, allow_open=True).structure for path in (obj, in_format(obj, kind)))
+    assert len(other.edges) == len(one.edges) == 24
+    assert len(other.triangles) == len(one.triangles)
+    with pytest.raises(UserError, match=r"(face 9|line 28): this face is not a simple polygon; export triangles"):
+        read(in_format(obj, kind, [2, 4, 0, 7, 5, 1, 6, 3]))
+
+
+def test_a_concave_face_of_a_binary_ply_file_is_cut_at_its_outline(tmp_path: Path) -> None:
+    corners = np.array([(0, 0, 0), (2, 0, 0), (0.5, 0.5, 0), (0, 2, 0)], dtype="<f4")
+    head = b"ply\nformat binary_little_endian 1.0\nelement vertex 4\n"
+    head += b"property float x\nproperty float y\nproperty float z\nelement face 1\n"
+    head += b"property list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "arrow.ply").write_bytes(head + corners.tobytes() + struct.pack("<B4i", 4, 1, 2, 3, 0))
+    (piece,) = read(tmp_path / "arrow.ply")
+    a, b, c = (piece.vertices[piece.triangles[:, k]] for k in range(3))
+    assert np.cross(b - a, c - a)[:, 2] == pytest.approx([1.0, 1.0])
 
 
 def test_a_face_that_crosses_itself_is_refused(tmp_path: Path) -> None:

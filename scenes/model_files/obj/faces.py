@@ -1,24 +1,14 @@
-"""Concave faces of an OBJ file as triangles: its reader cuts every face into a fan, which is right for convex ones.
+"""Concave faces of an OBJ file as triangles: its reader cuts every face into a fan, which is right for convex ones."""
 
-A gable with a door, or a wall above an arch, is one face in what modelling programs write. Its fan reaches across the
-opening: it hides what is behind, and has edges where there are none.
-"""
-
-from collections import defaultdict
 from collections.abc import Iterator
-from itertools import compress
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from uavbench.scenes.model_files.face_limits import FaceWork
-from uavbench.scenes.primitives.solids import polygon_triangles
-from uavbench.trajectories.errors import UserError
+from uavbench.scenes.model_files.polygons.concave import concave, cut
 from uavbench.trajectories.pose import Array
-
-CONCAVE = 1e-6
-"""Area of a fan's triangle against the sense of its face, as a fraction of the face's, below which it is rounding."""
 
 
 class Face(NamedTuple):
@@ -37,17 +27,12 @@ def with_triangles(path: Path, data: bytes) -> bytes:
     lines = data.splitlines()
     polygons = list(_faces(lines))
     points = _points(lines) if polygons else np.zeros((0, 3))
-    faces = list(_concave(points, polygons))
+    faces = [polygons[number] for number in concave(points, [face.vertices for face in polygons])]
     if not faces:
         return data
     FaceWork(path).add(len(face.words) for face in faces)
     for face in faces:
-        try:
-            triangles = polygon_triangles(points[face.vertices])
-        except ValueError:
-            raise UserError(
-                f"{path}: line {face.row + 1}: this face is not a simple polygon; export triangles"
-            ) from None
+        triangles = cut(path, f"line {face.row + 1}", points[face.vertices])
         lines[face.row] = b"\n".join(b"f " + b" ".join(face.words[k] for k in corners) for corners in triangles)
     return b"\n".join(lines) + b"\n"
 
@@ -79,18 +64,3 @@ def _faces(lines: list[bytes]) -> Iterator[Face]:
                 except ValueError:
                     continue
                 yield Face(row, words, [k - 1 if k > 0 else seen + k for k in numbers])
-
-
-def _concave(points: Array, faces: list[Face]) -> Iterator[Face]:
-    """The faces of which a triangle of the fan has the opposite sense of the face."""
-    by_count: dict[int, list[Face]] = defaultdict(list)
-    for face in faces:
-        if 0 <= min(face.vertices) <= max(face.vertices) < len(points):
-            by_count[len(face.vertices)].append(face)
-    for alike in by_count.values():
-        corners = points[np.array([face.vertices for face in alike])]
-        with np.errstate(invalid="ignore", over="ignore"):
-            fan = np.cross(corners[:, 1:-1] - corners[:, :1], corners[:, 2:] - corners[:, :1])
-            whole = fan.sum(axis=1)
-            part = np.einsum("mij,mj->mi", fan, whole).min(axis=1)
-            yield from compress(alike, part < -CONCAVE * (whole * whole).sum(axis=1))
