@@ -24,8 +24,10 @@ ENDLESS_S = 1e9
 def check_loop(loop: LoopSpec, spec: SequenceSpec, flight_s: float = ENDLESS_S) -> tuple[str, ...]:
     """Names of the sequence's sensors that the filter uses; UserError when position or velocity is unobservable.
 
-    flight_s: duration of the flight, once it is known; GNSS that is denied for as long holds nothing.
+    flight_s: duration of the flight, once it is known, which `time_limit_s` may end earlier; GNSS that is denied for as
+    long holds nothing.
     """
+    flight_s = min(flight_s, loop.time_limit_s or ENDLESS_S)
     there = named(spec.sensors)
     wanted = (CAMERA, *there) if loop.sensors is None else loop.sensors
     for name in wanted:

@@ -178,8 +178,7 @@ def _rate_problem(work: Render | Fly, planned: FlightSummary | None) -> str:
             check_rate(work.pilot.rate_hz, flown_ns, "frame", "rates_hz")
             for sensor in spec.sensors:
                 live(sensor)
-            if planned.duration_s < (work.pilot.loop.time_limit_s or math.inf):  # else it is not that of the path
-                check_loop(work.pilot.loop, spec, planned.duration_s)
+            check_loop(work.pilot.loop, spec, planned.duration_s)
         else:
             check_rate(spec.rate_hz, flown_ns, "frame")
         check_sensors(spec.sensors, flown_ns)

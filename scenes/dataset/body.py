@@ -162,7 +162,14 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
-        if not known or path.stem in RESERVED or not NAME.fullmatch(path.stem):
+        if path.stem in RESERVED:
+            continue
+        if path.name not in sensors and not known and (near := _kind_meant(path)):
+            raise UserError(
+                f"{path}: looks like readings of the sensor {near}, but is not in `sensors` of sequence.json; name it "
+                f"{near}-2{path.suffix}, or in another way if it holds something else"
+            )
+        if not known or not NAME.fullmatch(path.stem):
             continue
         header = _columns(folder, path)
         parameters = {k: v for k, v in about.items() if k in CALIBRATED and isinstance(v, int | float | list)}
@@ -184,3 +191,8 @@ def _columns(folder: Path, path: Path) -> tuple[str, ...]:
 def _kind_by_name(path: Path) -> str:
     """Kind of a sensor by the name of its file, as `sensors.registry.named` gives it: `imu`, `imu-2`."""
     return path.stem if path.stem in SENSORS else re.sub(r"-[0-9]+$", "", path.stem)
+
+
+def _kind_meant(path: Path) -> str:
+    """Longest kind of a sensor with which the name of a file begins, as `imu` does that of `IMU_0`; "" for none."""
+    return max((kind for kind in SENSORS if path.stem.lower().startswith(kind)), key=len, default="")

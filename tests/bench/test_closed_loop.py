@@ -399,6 +399,7 @@ def test_python_that_fails_in_flight_is_lost_and_told(answer):
     (LoopSpec(sensors=("imu", "gps")), (Imu(), Gnss()), "unknown sensor"),
     (LoopSpec(), (Imu(offset_m=(0.1, 0.0, 0.0)),), "offset_m"),
     (LoopSpec(sensors=("imu", "gnss"), gnss_outages_s=((0.0, 1e9),)), (Imu(), Gnss()), "no sensor can hold"),
+    (LoopSpec(sensors=("imu", "gnss"), gnss_outages_s=((0.0, 2.0),), time_limit_s=2.0), (Imu(), Gnss()), "no sensor"),
     (LoopSpec(latency=Constant(2500.0)), (Imu(),), "history_s"),
     (LoopSpec(estimator="camera"), (Barometer(),), "one IMU"),
     (LoopSpec(estimator="camera", sensors=("imu",)), (Imu(),), "add `camera`"),

@@ -18,6 +18,7 @@ from uavbench.bench.external.rows import FAULTS, TrackerFault
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.third_party.opencv_rapid import OpencvRapid
 from uavbench.bench.trial.check import TRIAL, check
+from uavbench.scenes.dataset.body import body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
@@ -323,6 +324,16 @@ def test_readings_whose_columns_have_other_names_are_told(program, tmp_path):
     linked = replace(Sequence.load(TRIAL), folder=folder)
     with pytest.raises(UserError, match=r"imu\.csv: none of its columns is one of imu readings \(wx_rad_s, "):
         track_external(program(stream_program()), linked, rate_hz=15.0, seed=0, kept_folder=tmp_path / "kept")
+
+
+@pytest.mark.parametrize("name", ["imu0", "imu_2", "IMU", "imu-bmi088 left"])
+def test_readings_whose_file_has_another_name_are_told(tmp_path, name):
+    """Else a tracker would go without them, and nobody would know."""
+    shutil.copytree(TRIAL, tmp_path / "with-imu")
+    (tmp_path / "with-imu" / "notes.csv").write_text("anything\n")
+    (tmp_path / "with-imu" / f"{name}.csv").write_text("no header\n")
+    with pytest.raises(UserError, match=rf"{name}\.csv: looks like readings of the sensor imu"):
+        body_of(replace(Sequence.load(TRIAL), folder=tmp_path / "with-imu"))
 
 
 def test_it_starts_like_any_tracker_frame_by_frame(program, sequence):
