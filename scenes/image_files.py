@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.decoding.sample_bits import WHITE_8, to_8_bits, white_of
+from uavbench.scenes.decoding.sample_bits import WHITE_8, refuse_samples, to_8_bits, white_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
@@ -70,6 +70,7 @@ def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR, bits: int = 
 
 def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[int, int]:
     """Width and height by an image's header; UserError when it has none, or more than MOST_PIXELS pixels."""
+    refuse_samples(path, data)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -8,20 +8,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from uavbench.trajectories.errors import UserError
 
 PNG = b"\x89PNG\r\n\x1a\n"
 PNM = re.compile(rb"P[2356]\s+(?:#[^\n]*\n\s*)*\d+\s+(?:#[^\n]*\n\s*)*\d+\s+(?:#[^\n]*\n\s*)*(\d+)\s")
 """Header of a PGM or PPM file up to its largest value (Netpbm)."""
-BITS_PER_SAMPLE, MAX_SAMPLE_VALUE = 258, 281
+BITS_PER_SAMPLE, MAX_SAMPLE_VALUE, SAMPLE_FORMAT = 258, 281, 339
 """Tags of TIFF 6.0."""
 WHITE_8, WHITE_16 = 255, 65_535
 """Largest values of samples of 8 and 16 bits."""
-SUSPECT = 4096
+USUAL_BITS = (8, 10, 12, 14)
+"""Bits of cameras whose values of 16 bits stay below a quarter of the largest one."""
+DARK = 4096
 """Values of 16 bits that stay below this are of a camera with 12 bits, or of an image of a 16th of full brightness."""
-USUAL_BITS = (8, 10, 12)
-"""Bits of cameras whose values stay below SUSPECT."""
+UNSIGNED = 1
+NUMBERS = {UNSIGNED: "whole numbers", 4: "numbers of no kind"}
+"""Values of SAMPLE_FORMAT that are read (TIFF 6.0)."""
 FEWEST_BITS, MOST_BITS = 8, 16
 
 
@@ -84,10 +88,11 @@ def to_8_bits(path: Path, samples: NDArray[np.generic], data: bytes, bits: int =
         white = _white_of_scaled(white, samples, most)
     if bits and white != WHITE_16 and samples.dtype != np.uint8:
         white = (1 << bits) - 1
-    if not white and 0 < most < SUSPECT:
+    if not white and 0 < most < 1 << USUAL_BITS[-1] and (most < DARK or not _is_scaled(samples)):
         likely = next(b for b in USUAL_BITS if most < 1 << b)
+        seen = "nearly black" if most < DARK else "dark"
         raise DarkImageError(
-            f"{path}: its values of 16 bits reach only {most} of {WHITE_16:,}, which is nearly black; if the camera "
+            f"{path}: its values of 16 bits reach only {most} of {WHITE_16:,}, which is {seen}; if the camera "
             f"has {likely} bits, set bits = {likely} in camera.toml (calibrate: --bits {likely}); if the scene was so "
             "dark, bits = 16"
         )
@@ -109,3 +114,41 @@ def _white_of_scaled(white: int, samples: NDArray[np.generic], most: int) -> int
     if most > white:
         return WHITE_16
     return white if (samples.astype(np.uint16) % step).any() else 0
+
+
+def _is_scaled(samples: NDArray[np.generic]) -> bool:
+    """Whether samples of 16 bits are those of fewer bits, scaled to 16 by zeros or by the ratio of the largest values.
+
+    Those of a camera are not, if its file holds them as they are.
+    """
+    values = samples.astype(np.int64)
+    for bits in USUAL_BITS:
+        ratio = WHITE_16 / ((1 << bits) - 1)
+        if (
+            not (values % (1 << MOST_BITS - bits)).any()
+            or (np.abs(values - np.rint(values / ratio) * ratio) <= 1).all()
+        ):
+            return True
+    return False
+
+
+def refuse_samples(path: Path, data: bytes) -> None:
+    """UserError for a TIFF file whose samples are not whole numbers of up to 16 bits, from 0 on."""
+    if data[:2] not in (b"II", b"MM"):
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            tags = ImageFileDirectory_v2(data[:8])
+            file = io.BytesIO(data)
+            file.seek(tags.next)
+            tags.load(file)
+            depth, kind = (np.max(tags.get(tag, UNSIGNED)) for tag in (BITS_PER_SAMPLE, SAMPLE_FORMAT))
+        except Exception:  # what is wrong with it is told where it is decoded
+            return
+    if depth > MOST_BITS or kind not in NUMBERS:
+        what = NUMBERS.get(int(kind), "signed or floating-point numbers")
+        raise UserError(
+            f"{path}: its samples are {what} of {depth} bits, of which it is not known which is white; save it with 8 "
+            "or 16 bits, whole numbers from 0 on"
+        )

@@ -91,15 +91,37 @@ def test_the_bits_of_the_camera_count(tmp_path, bits):
     assert np.abs(read[..., 0].astype(int) - LEVELS).max() <= 1
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize("bits", [8, 10, 12, 14])
 @pytest.mark.parametrize("form", [png, tiff])
 def test_a_nearly_black_image_is_told_with_its_bits(tmp_path, bits, form):
     path = tmp_path / "a.image"
     path.write_bytes(form(samples(bits)))
-    with pytest.raises(UserError, match=rf"a\.image: .*nearly black; .*set bits = {bits} in camera\.toml"):
+    with pytest.raises(
+        UserError, match=rf"a\.image: .*which is (nearly black|dark); .*set bits = {bits} in camera\.toml"
+    ):
         read_image(path, SIZE)
     dark = read_image(path, replace(SIZE, bits=16))
     np.testing.assert_array_equal(dark[..., 0], samples(bits) >> 8)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14])
+@pytest.mark.parametrize("ratio", ["of zeros", "of whites"])
+def test_a_dark_image_whose_values_were_scaled_to_16_bits_is_as_dark_as_it_is(tmp_path, bits, ratio):
+    levels = samples(bits).astype(float) * (16_000 / 65_535)
+    factor = 1 << 16 - bits if ratio == "of zeros" else 65_535 / ((1 << bits) - 1)
+    dark = np.rint(np.rint(levels) * factor).astype(np.uint16)
+    assert 4096 < dark.max() < 16384
+    np.testing.assert_array_equal(decoded(tmp_path / "a", png(dark), cv2.IMREAD_GRAYSCALE), dark >> 8)
+
+
+@pytest.mark.parametrize(("image", "told"), [
+    (Image.fromarray(np.zeros((12, 16), np.float32)), "signed or floating-point numbers of 32 bits"),
+    (Image.fromarray(np.zeros((12, 16), np.int32)), "numbers of 32 bits"),
+])  # fmt: skip
+def test_samples_without_a_white_are_told(tmp_path, image, told):
+    image.save(tmp_path / "a.tif")
+    with pytest.raises(UserError, match=rf"a\.tif: its samples are .*{told}.*; save it with 8 or 16 bits"):
+        read_image(tmp_path / "a.tif", SIZE)
 
 
 def test_what_is_black_or_has_8_bits_is_left_alone(tmp_path):
