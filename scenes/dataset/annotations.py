@@ -21,11 +21,12 @@ from uavbench.scenes.dataset.edges.sample_kernels import (
 from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Sequence
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
-from uavbench.scenes.image_files import load_image, put_file
+from uavbench.scenes.image_files import put_file
 from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sample
 from uavbench.scenes.rendering.pixel_kernels import depth_units
 from uavbench.scenes.structure import Structure
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
 
 SIDE_PX = 2.5
@@ -144,9 +145,10 @@ def edges_file(sequence: Sequence, frame: int) -> Path:
 
 def read_depth(sequence: Sequence, frame: int) -> Array:
     """Depth (h, w) of a frame along the optical axis in metres, 0 for the background."""
-    path = sequence.folder / "depth" / f"{frame:06d}.png"
-    image = load_image(path, cv2.IMREAD_UNCHANGED, inside=sequence.folder)
-    return np.asarray(image, dtype=np.float64) * float(sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
+    depth_m = sequence[frame].depth_m
+    if depth_m is None:
+        raise UserError(f'{sequence.folder}: was rendered without annotations = ["depth"]; render it with it')
+    return depth_m
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:

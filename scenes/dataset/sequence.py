@@ -28,16 +28,16 @@ from types import MappingProxyType
 from typing import Any, SupportsIndex, overload
 
 import numpy as np
-from cv2 import IMREAD_UNCHANGED
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.ground_truth_files import MOUNTS_FILE, read_ground_truth, read_mounts, read_pose_bounds
 from uavbench.scenes.dataset.structure_files import load_structure
+from uavbench.scenes.dataset.surfaces.annotation_images import annotation_file, mask_of, samples_of
 from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
 from uavbench.scenes.dataset.table_files import check_info, frame_stamps_ns, image_files, read_json, read_numbers
-from uavbench.scenes.image_files import load_image, read_image
+from uavbench.scenes.image_files import read_image
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import IMAGE
@@ -264,45 +264,46 @@ class Frame:
     @property
     def depth_m(self) -> Array | None:
         """Depth along the optical axis (h, w), 0 where unknown; None where the sequence has none."""
-        path = self._file("depth", "png")
+        path = self._file("depth")
         if path is None:
             return None
-        units = load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
+        units = samples_of(path, self.sequence.folder, self.sequence.camera, np.uint16)
         return np.asarray(units, dtype=np.float64) * float(self.sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
 
     @property
     def mask(self) -> NDArray[np.uint8] | None:
         """Instances (h, w): 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 else; None: no masks."""
-        path = self._file("mask", "png")
-        return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
+        path = self._file("mask")
+        return None if path is None else mask_of(path, self.sequence.folder, self.sequence.camera)
 
     @property
     def edges(self) -> Array | None:
         """Visible parts (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
-        path = self._file("edges", "csv")
+        path = self._file("edges", ".csv")
         return None if path is None else read_numbers(path, EDGE_COLUMNS)
 
     @property
     def flow_px(self) -> Array | None:
         """Optical flow (h, w, 2) in px to the next frame, NaN where unknown; None if the sequence has none."""
-        path = self._file("flow", "png")
+        path = self._file("flow")
         return None if path is None else read_flow(path, self.sequence.folder)
 
     @property
     def occlusion(self) -> NDArray[np.uint8] | None:
         """Surface point of each pixel (h, w) in the next frame: 0 visible, 1 occluded, 2 out of view, 3 unknown."""
-        path = self._file("occlusion", "png")
-        return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
+        path = self._file("occlusion")
+        if path is None:
+            return None
+        return samples_of(path, self.sequence.folder, self.sequence.camera, np.uint8).astype(np.uint8)
 
     @property
     def normals(self) -> Array | None:
         """Unit normals (h, w, 3) of the surface in the camera's frame, NaN without a surface; None: no normals."""
-        path = self._file("normals", "png")
+        path = self._file("normals")
         return None if path is None else read_normals(path, self.sequence.folder)
 
-    def _file(self, kind: str, suffix: str) -> Path | None:
-        path = self.sequence.folder / kind / f"{self.number:06d}.{suffix}"
-        return path if path.is_file() else None
+    def _file(self, kind: str, suffix: str = ".png") -> Path | None:
+        return annotation_file(self.sequence.folder, kind, self.number, len(self.sequence), suffix)
 
 
 def open_sequence(folder: str | Path) -> Sequence:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.annotations import read_depth
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.image_files import image_of, load_image
+from uavbench.scenes.dataset.surfaces.annotation_images import annotation_file
+from uavbench.scenes.image_files import image_of
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
@@ -69,23 +69,18 @@ class Shown:
         return np.asarray(self._as_shown(self.sequence.image(frame), cv2.INTER_LINEAR), dtype=np.uint8)
 
     def has(self, annotation: Literal["depth", "mask"], frame: int) -> bool:
-        """Whether the sequence has this annotation of a frame."""
-        return (self.sequence.folder / annotation / f"{frame:06d}.png").is_file()
+        """Whether the sequence has this annotation; UserError when it has, and not of this frame."""
+        return annotation_file(self.sequence.folder, annotation, frame, len(self.sequence)) is not None
 
     def depth(self, frame: int) -> Array | None:
         """Depth (h, w) in metres, 0 where there is none; None where the sequence has no depth."""
-        if not self.has("depth", frame):
-            return None
-        depth: Array = self._as_shown(read_depth(self.sequence, frame), cv2.INTER_NEAREST)
-        return depth
+        depth_m = self.sequence[frame].depth_m
+        return None if depth_m is None else self._as_shown(depth_m, cv2.INTER_NEAREST)
 
     def mask(self, frame: int) -> NDArray[np.bool_] | None:
         """Mask (h, w) of the visible structure; None where the sequence has no masks."""
-        if not self.has("mask", frame):
-            return None
-        path = self.sequence.folder / "mask" / f"{frame:06d}.png"
-        image = load_image(path, cv2.IMREAD_GRAYSCALE, inside=self.sequence.folder)
-        return np.asarray(self._as_shown(image, cv2.INTER_NEAREST) == 1)
+        instances = self.sequence[frame].mask
+        return None if instances is None else np.asarray(self._as_shown(instances, cv2.INTER_NEAREST) == 1)
 
     @cached_property
     def _places(self) -> Map | None:
