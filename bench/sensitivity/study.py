@@ -15,7 +15,7 @@ from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched, tell
 from uavbench.bench.runner.executors import local_pool
-from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.tasks import Score as ScoreTask
@@ -89,10 +89,24 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
         outcome = run_graph(jobs, *pool)
         tell(outcome, folder, suite_name)
         refuse_touched(jobs, planned, outcome.done)
+        if unknown := of_no_variant(jobs, outcome):
+            say(f"no table: {unknown[0]} failed, which says nothing of a value; run the same command again", err=True)
+            return 2 if outcome.users_mistake else 1
         done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}
         changes = [change(suite, variant, folder, done) for variant in variants]
         say(f"{len(changes)} variants: {write(folder, changes)}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def of_no_variant(jobs: Sequence[Job], outcome: Outcome) -> list[str]:
+    """Names of the jobs that failed for another reason than the changed value of a variant.
+
+    That is what renders, what the default runs in, and what a full disk or the end of a worker has stopped.
+    """
+    failed = [job for job in jobs if not outcome.failed.get(job.name, NOT_DONE).startswith(NOT_DONE)]
+    runs = [job for job in failed if job.verb != "render" and f" {DEFAULT}@" not in job.name]
+    by_value = {job.name for job in runs if job.name in outcome.tracebacks}
+    return [job.name for job in failed if job.name not in by_value]
 
 
 def variants_of(suite: Suite, label: str, paths: Sequence[str]) -> list[Variant]:

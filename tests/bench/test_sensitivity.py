@@ -11,6 +11,7 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.graph import Outcome
+from uavbench.bench.sensitivity.study import Change, of_no_variant
 from uavbench.bench.sensitivity.variants import changed, values_of
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.errors import UserError
@@ -85,6 +86,7 @@ def study(tmp_path, monkeypatch):
     """Runs a study of `lsd` without rendering or tracking anything."""
     failed = lambda jobs, *pool: Outcome(failed={job.name: "of this test" for job in jobs})  # noqa: E731
     monkeypatch.setattr("uavbench.bench.sensitivity.study.run_graph", failed)
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.of_no_variant", lambda *_: [])
     monkeypatch.setattr("uavbench.bench.sensitivity.study.local_pool", lambda workers: nullcontext(()))
     suite, out = small_suite(tmp_path, '[trackers.lsd]\nkind = "lsd"\n'), tmp_path / "out"
 
@@ -109,6 +111,31 @@ def test_a_table_is_that_of_the_latest_study_or_of_none(tmp_path, study, monkeyp
     monkeypatch.setattr("uavbench.bench.sensitivity.study.refuse_touched", ended)
     assert study("passes").exit_code == 2
     assert not list(out.glob("sensitivity.*v")) and not list(out.glob("*.md")), "no table of other results"
+
+
+@pytest.mark.parametrize(("begins", "traceback", "tables"), [
+    ("render box-s0", True, False), ("track box-s0 default@", True, False), ("track box-s0 passes-x2@", False, False),
+    ("track box-s0 passes-x2@", True, True),
+])  # fmt: skip
+def test_no_table_is_made_of_runs_that_failed_for_another_reason_than_the_value(
+    tmp_path, study, monkeypatch, begins, traceback, tables
+):
+    """As on a full disk: the variants would have lost all frames, and no run have responded to any value."""
+
+    def failed(jobs, *_):
+        name = next(job.name for job in jobs if job.name.startswith(begins))
+        return Outcome(failed={name: "No space left on device"}, tracebacks={name: "Traceback"} if traceback else {})
+
+    def no_score(suite, variant, folder, done):
+        return Change(variant, 1, 0, 0.0, 1.0)
+
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.of_no_variant", of_no_variant)
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.run_graph", failed)
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.change", no_score)
+    done = study()
+    assert done.exit_code == 1
+    assert (tmp_path / "out" / "sensitivity.md").exists() == tables
+    assert (f"no table: {begins}" in done.output) == (not tables), done.output
 
 
 @pytest.mark.parametrize("name", ["sensitivity.md", "sensitivity.csv"])
