@@ -63,7 +63,9 @@ class Structure:
     def face_points(self) -> Array:
         """A vertex of each planar face (f, 3), metres."""
         _, first = np.unique(self.triangle_face, return_index=True)
-        return np.asarray(self.vertices[self.triangles[first, 0]])
+        points = np.asarray(self.vertices[self.triangles[first, 0]])
+        points.setflags(write=False)
+        return points
 
     @classmethod
     def from_mesh(

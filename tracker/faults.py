@@ -14,7 +14,7 @@ import numpy as np
 
 from uavbench.tracker.protocol import Status, TrackResult
 from uavbench.trajectories.errors import UserError, one_line
-from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.pose import Array, Pose, read_only
 
 OURS = frozenset({"uavbench"})
 LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
@@ -83,7 +83,10 @@ def is_ours(tracker: object) -> bool:
 
 
 def checked(result: Any) -> TrackResult:
-    """A result of `track` converted to plain Python numbers; ResultError when it is invalid."""
+    """A result of `track` in plain Python numbers and a copy of its covariance, which a tracker may write to again.
+
+    ResultError when it is invalid.
+    """
     if not isinstance(result, TrackResult):
         raise ResultError(f"[no-result] track returned {_named(result)}, not a uavbench.tracker.protocol.TrackResult")
     if result.status not in get_args(Status):
@@ -109,7 +112,9 @@ def checked(result: Any) -> TrackResult:
     if nfa is not None and (not isinstance(nfa, int | float | np.floating) or math.isnan(nfa)):
         raise ResultError(f"[bad-result] log10_nfa is {_named(nfa)}, not a number")
     whole: dict[str, Any] = {name: None if count is None else int(count) for name, count in counts.items()}
-    return replace(result, stage_ms=stage_ms, **whole, log10_nfa=None if nfa is None else float(nfa))
+    own = None if covariance is None else read_only(covariance)
+    log10_nfa = None if nfa is None else float(nfa)
+    return replace(result, covariance=own, stage_ms=stage_ms, **whole, log10_nfa=log10_nfa)
 
 
 def _is_rotation(R: Array) -> bool:

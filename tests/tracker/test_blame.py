@@ -1,5 +1,6 @@
 """Trackers of others that go wrong: each is told by a name, with the place in its own code."""
 
+import contextlib
 import importlib
 import shutil
 import sys
@@ -19,7 +20,7 @@ from uavbench.reports.protocols.restarting import run_from_anchors
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.robust.tracker import Robust
-from uavbench.tracker.run import begin, track_sequence
+from uavbench.tracker.run import begin, track_frame, track_sequence
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -342,3 +343,35 @@ def test_a_tracker_gets_the_body_and_each_sample_once_before_its_frame(tmp_path,
             assert samples["imu"].values.shape[1] == 6
             assert samples["imu"].values.base is None
         assert given == [t for t in times if t <= rest[-1]]
+
+
+class Reusing:
+    """A run that writes every frame's results into the same arrays, as a filter does with its state."""
+
+    def __init__(self):
+        self.rotation, self.translation, self.covariance, self.stage_ms = np.eye(3), np.zeros(3), np.eye(6), {}
+
+    def track(self, image, stamp_ns):
+        self.translation += 1.0
+        self.covariance *= 2.0
+        self.stage_ms["update"] = float(stamp_ns)
+        pose = Pose(self.rotation, self.translation)
+        return TrackResult(status="ok", cam_from_world=pose, covariance=self.covariance, stage_ms=self.stage_ms)
+
+
+def test_results_stay_as_they_were_given_though_a_tracker_writes_to_its_arrays_again():
+    """Else all frames of a run would have the covariance of the last one."""
+    run = Reusing()
+    results = [track_frame(run, np.zeros((120, 160), np.uint8), stamp_ns).result for stamp_ns in (1, 2, 3)]
+    assert [result.covariance[0, 0] for result in results] == [2.0, 4.0, 8.0]
+    assert [result.cam_from_world.translation[0] for result in results] == [1.0, 2.0, 3.0]
+    assert [result.stage_ms["update"] for result in results] == [1.0, 2.0, 3.0]
+
+
+def test_no_tracker_can_change_the_structure_that_others_get():
+    structure = Sequence.load(TRIAL).structure
+    for name in ("vertices", "triangles", "face_normals", "face_points", "edges", "edge_segments", "bounds"):
+        before = getattr(structure, name).copy()
+        with contextlib.suppress(ValueError):
+            getattr(structure, name)[:] = 0
+        np.testing.assert_array_equal(getattr(structure, name), before)
