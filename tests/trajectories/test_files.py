@@ -9,14 +9,16 @@ import signal
 import stat
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.bench.process_trees import as_from_a_terminal
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files import folders, origin, temporary_names, writing
+from uavbench.trajectories.files import folders, machines, origin, temporary_names, writing
 from uavbench.trajectories.files.listed import Marker
+from uavbench.trajectories.files.machines import Machine
 from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.seals import is_sealed, seal, seal_table, sealed_kind
 from uavbench.trajectories.files.temporary_names import remove_leftovers, start_ticks, temporary
@@ -560,7 +562,7 @@ def test_a_folder_that_is_not_writable_stays_so(tmp_path):
     """Write permission is taken within what is removed, never of the folder that it is in."""
     folder, user, nobody = tmp_path / "in", os.geteuid(), 65534
     folder.mkdir()
-    left_by_a_dead_process(folder, "", machine=temporary_names._machine())
+    left_by_a_dead_process(folder, "", machine=Machine.here())
     if user == 0:  # who may write everywhere
         for path in (folder, *folder.rglob("*")):
             os.chown(path, nobody, nobody, follow_symlinks=False)
@@ -608,6 +610,25 @@ def test_what_a_process_of_another_machine_left_goes_only_when_nobody_else_is_at
     assert len(list(tmp_path.iterdir())) == 2
     remove_leftovers(tmp_path, alone=True)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("other", "local", "goes"), [
+    ({"boot": "0" * 16}, True, True),
+    ({"boot": "0" * 16}, False, False),  # a disk that others may write to, whose names may be copies
+    ({"boot": "0" * 16, "identity": "1" * 16}, True, False),  # another machine, or its container
+    ({"boot": "0" * 16, "identity": ""}, True, False),
+    ({"namespace": "0" * 16}, True, False),  # a container beside this one, whose processes are not seen here
+])  # fmt: skip
+def test_what_this_machine_left_before_it_was_booted_again_is_removed_from_its_own_disks(
+    tmp_path, monkeypatch, other, local, goes
+):
+    monkeypatch.setattr(machines, "is_local", lambda folder: local)
+    monkeypatch.setattr(machines, "_here", lambda: Machine("a" * 16, "b" * 16, "c" * 16))
+    token, left = "2" * 32, replace(Machine.here(), **other)
+    (tmp_path / f".a-uavbench-{token}").mkdir()
+    (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench {left} {os.getpid()} 345 {token} a")
+    remove_leftovers(tmp_path, alone=False)
+    assert len(list(tmp_path.iterdir())) == (0 if goes else 2)
 
 
 def test_the_longest_name_that_a_disk_takes_has_a_temporary_name_too(tmp_path):

@@ -8,20 +8,18 @@ had set aside to replace it, and did not replace, since what it made is still th
 
 import contextlib
 import errno
-import hashlib
 import os
 import re
 import secrets
 import shutil
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 from uavbench.trajectories.errors import DISK_ERRORS
 from uavbench.trajectories.files.folders import folder_for, make_folder
+from uavbench.trajectories.files.machines import Machine
 from uavbench.trajectories.files.placing import give_back
 
 OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
@@ -65,7 +63,7 @@ def _temporary(path: Path, told: Path | None) -> Iterator[Temporary]:
     owner = path.with_name(stem + OWNED)
     keeps = path.suffix not in (OWNED, REPLACED) and len(os.fsencode(path.suffix)) <= LONGEST_SUFFIX
     own = Temporary(path.with_name(stem + path.suffix * keeps), path.with_name(stem + REPLACED))
-    text = f"uavbench {_machine()} {os.getpid()} {start_ticks(os.getpid())} {token} {path.name}"
+    text = f"uavbench {Machine.here()} {os.getpid()} {start_ticks(os.getpid())} {token} {path.name}"
     try:
         _claim(owner, text)
     except OSError as error:
@@ -126,7 +124,7 @@ def remove_leftovers(folder: Path, *, alone: bool) -> None:
     for name in names:
         found = OWNER.fullmatch(name)
         owner = None if found is None else Owner.of(folder / name, found[1])
-        if owner is None or not owner.is_dead(alone):
+        if owner is None or not owner.is_dead(folder, alone):
             continue
         stem = name.removesuffix(OWNED)
         with contextlib.suppress(OSError):  # it may not be changed, or another process was faster
@@ -166,9 +164,11 @@ class Owner:
             return None
         return cls(machine, pid, start, path_name)
 
-    def is_dead(self, alone: bool) -> bool:
-        """Whether the process has ended; alone: those of other machines have."""
-        return alone if self.machine != _machine() else start_ticks(int(self.pid)) != self.start
+    def is_dead(self, folder: Path, alone: bool) -> bool:
+        """Whether the process that worked in a folder has ended; alone: those of other machines have."""
+        if self.machine == str(Machine.here()):
+            return start_ticks(int(self.pid)) != self.start
+        return alone or Machine.of(self.machine).has_booted_since(folder)
 
 
 def start_ticks(pid: int) -> str:
@@ -190,16 +190,6 @@ def _answers(pid: int) -> bool:
     except PermissionError:
         pass
     return True
-
-
-@cache
-def _machine() -> str:
-    """Identifies this machine since its boot, and the namespace of its process numbers."""
-    about = [socket.gethostname()]
-    with contextlib.suppress(OSError):
-        about.append(Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii"))
-        about.append(str(Path("/proc/self/ns/pid").readlink()))
-    return hashlib.sha256("|".join(about).encode()).hexdigest()[:16]
 
 
 def _remove(path: Path) -> bool:
