@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
@@ -60,6 +61,14 @@ def told(error: UserError, command: str | None) -> int:
     return 1 if isinstance(error, DiskError) and command not in VERDICTS else 2
 
 
+def refuse_no_working_folder() -> None:
+    """UserError when the current folder was removed, as by a clean checkout: no relative path means anything there."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise UserError("the current folder has been removed; change into another one, or into it again") from None
+
+
 class Group(click.Group):
     """Prints user errors and I/O errors as one message, without a traceback.
 
@@ -77,6 +86,7 @@ class Group(click.Group):
         """Run the given subcommand."""
         try:
             with lost_signals_raised_again(), interrupts():
+                refuse_no_working_folder()
                 return super().invoke(ctx)
         except UserError as error:
             ctx.exit(told(error, ctx.invoked_subcommand))

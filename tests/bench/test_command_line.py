@@ -53,3 +53,13 @@ def test_an_interrupt_says_that_a_suite_goes_on_and_nothing_of_the_kind_of_what_
     export = uavbench("export", TRIAL, "--format", "tum", "--out", tmp_path / "tum")
     assert (suite.exit_code, suite.stderr) == (130, "uavbench: interrupted; the same command goes on from here\n")
     assert (export.exit_code, export.stderr) == (130, "uavbench: interrupted; run the same command again\n")
+
+
+@pytest.mark.parametrize("arguments", [("run", "tiny"), ("calibrate", TRIAL / "frames"), ("export", TRIAL)])
+def test_a_current_folder_that_was_removed_is_told(arguments, tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    done = uavbench(*arguments, *(("--format", "tum", "--out", "tum") if arguments[0] == "export" else ()))
+    assert done.exit_code == 2
+    assert done.stderr == ("uavbench: the current folder has been removed; change into another one, or into it again\n")
