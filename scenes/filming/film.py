@@ -8,6 +8,7 @@ from pathlib import Path
 from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
+from uavbench.scenes.effects.own_images import checked
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.filming.frames import Filming, write_frames
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera
@@ -69,7 +70,10 @@ def film(
 def with_effects(
     source: CameraSimulator, effects: tuple[EffectSpec, ...], seed: int, camera: str = MAIN
 ) -> CameraSimulator:
-    """The camera simulator with effects in the order of `EFFECTS`, each with its own random stream per camera."""
+    """The camera simulator with effects in the order of `EFFECTS`, each with its own random stream per camera.
+
+    Images of effects that are not ours are checked.
+    """
     of_camera = () if camera == MAIN else ("camera", camera)
     order = list(EFFECTS.values())
     ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
@@ -77,7 +81,8 @@ def with_effects(
     for effect in ranked:
         name = type(effect).__name__
         seen[name] = seen.get(name, -1) + 1
-        source = effect.start(source, stream(seed, *of_camera, "effect", name, seen[name]))
+        made = effect.start(source, stream(seed, *of_camera, "effect", name, seen[name]))
+        source = made if type(effect) in order else checked(effect, made, source)
     return source
 
 
