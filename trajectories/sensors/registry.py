@@ -20,6 +20,7 @@ from uavbench.trajectories.sensors.sensor import (
     SensorSpec,
     Table,
     check_rate,
+    check_table,
     stamps_between,
     write_records,
     write_table,
@@ -62,6 +63,8 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "Obstacl
     for number, (name, sensor) in enumerate(named(sensors).items()):
         try:
             tables[name] = sensor.measure(flight, obstacles, stream(seed, "sensor", name))
+            if type(sensor) not in SENSORS.values():
+                check_table(tables[name], sensor, flight)
         except UserError as error:
             raise UserError(f"sensors[{number}], {name}: {error}") from None
     return tables

@@ -167,3 +167,23 @@ def write_records(table: Table, columns: tuple[str, ...], path: Path) -> None:
         records[name] = table.column(name)
     with new_file(path) as new, new.open("wb") as handle:
         np.lib.format.write_array(handle, records, version=(1, 0), allow_pickle=False)
+
+
+def check_table(table: Table, sensor: SensorSpec, flight: Flight) -> None:
+    """UserError for readings of a user's sensor that no tracker would get, by their stamps, columns or values."""
+    stamps, first, last = table.stamps_ns, int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
+    if not len(stamps):
+        raise UserError("its table has no readings; give a row for each stamp at which it measures")
+    if (wrong := np.flatnonzero(np.diff(stamps) <= 0)).size:
+        row = int(wrong[0]) + 1
+        raise UserError(f"row {row}: the stamp {stamps[row]} ns is not later than the one before, {stamps[row - 1]} ns")
+    if stamps[0] < first or stamps[-1] > last:
+        raise UserError(
+            f"its stamps, {stamps[0]} to {stamps[-1]} ns, are not within the flight, {first} to {last} ns; take those "
+            "of flight.stamps_ns"
+        )
+    if missing := [name for name in getattr(sensor, "measured", ()) if name not in table.columns]:
+        raise UserError(f"its class names {missing[0]} in `measured`, and its table has {', '.join(table.columns)}")
+    if np.isinf(table.values).any():
+        row, column = np.argwhere(np.isinf(table.values))[0]
+        raise UserError(f"row {row}: {table.columns[column]} is infinite; NaN where nothing was measured")

@@ -24,6 +24,7 @@ from uavbench.trajectories.vehicle.airframes import Crazyflie
 from uavbench.trajectories.vehicle.geometric_control import Geometric
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S, Quadrotor
 from uavbench.trajectories.vehicle.registry import AirframeSpec
+from uavbench.trajectories.wind.air import check_air
 from uavbench.trajectories.wind.winds import Still, WindSpec
 
 __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
@@ -123,7 +124,9 @@ def _begin(
     seed: int,
     guide: Callable[[Guidance], Guidance] | None = None,
 ) -> Simulation:
-    air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
+    steps = guidance.warm_up + guidance.steps
+    air = spec.wind.start(steps, STEP_S, stream(seed, "wind"))
+    check_air(spec.wind, air, steps)
     if isinstance(guidance, Planned):
         check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
     return Simulation(vehicle, spec.control.gains(), guide(guidance) if guide else guidance, air, obstacles)

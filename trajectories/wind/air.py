@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 if TYPE_CHECKING:
@@ -40,6 +41,17 @@ class WindSpec(Protocol):
     def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
         """Air of `steps` steps of step_s seconds."""
         ...
+
+
+def check_air(kind: WindSpec, air: Air, steps: int) -> None:
+    """UserError for air that is not there at each step of a flight, in numbers."""
+    for name in ("mean_m_s", "turbulence_m_s"):
+        values = np.asarray(getattr(air, name))
+        if values.shape != (steps, 3):
+            raise UserError(f"wind {type(kind).__name__}: {name} has the shape {values.shape}, not {(steps, 3)}")
+        if not np.isfinite(values).all():
+            row = int(np.argwhere(~np.isfinite(values))[0, 0])
+            raise UserError(f"wind {type(kind).__name__}: {name} is not finite at step {row}")
 
 
 def downwind(from_deg: float) -> Array:
