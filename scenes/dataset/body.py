@@ -37,6 +37,8 @@ GIMBAL = "gimbal"
 """Kind of the encoders of a gimbal, and name of those of the main camera's."""
 RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses", "mounts"})
 """Names of CSV files of a sequence other than readings."""
+TRUTH = "_truth"
+"""End of the name of a file that holds the ground truth of readings (`sensors.registry.write_flight`)."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 
 
@@ -162,7 +164,7 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
-        if path.stem in RESERVED:
+        if path.stem in RESERVED or path.stem.endswith(TRUTH):
             continue
         if path.name not in sensors and not known and (near := _kind_meant(path)):
             raise UserError(
