@@ -170,3 +170,25 @@ def test_an_initial_pose_that_the_image_supports_is_not_doubted():
     poses, images = flown(3, seed=11)
     run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
     assert [run.track(image, i * STEP_NS).status for i, image in enumerate(images)] == ["ok"] * 3
+
+
+def test_a_doubted_pose_is_compared_where_each_frame_is_searched_too(monkeypatch):
+    """At 5 Hz a search takes what budget a frame has, and each frame is searched where support is never good."""
+    poses, images = flown(36, seed=11)
+    poses, images = poses[::3], images[::3]
+    run = Robust().start(box(), CAMERA, off_by_4_percent(poses[0]), np.random.default_rng(0))
+    search = run.decider.relocator.search
+
+    def spending_all(sought):
+        found, work = search(sought), run.fitter.work
+        work.done = max(work.done, work.allowed)
+        return found
+
+    monkeypatch.setattr(run.decider, "search_is_due", lambda *_: True)
+    monkeypatch.setattr(run.decider.relocator, "search", spending_all)
+    results = [run.track(image, i * 3 * STEP_NS) for i, image in enumerate(images)]
+    statuses = [result.status for result in results]
+    assert "ambiguous" in statuses and statuses[-1] == "ok"
+    for result, true in zip(results, poses, strict=True):
+        if result.status == "ok":
+            assert error_m(result.cam_from_world, true) < 0.01

@@ -272,7 +272,9 @@ class Decider:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
         recalled, work = self.recalled(frame, fit), self.fitter.work
-        reserve = self.fitter.cost(1) if self.led else 0  # for a fit where the run may begin again
+        # For a fit where the run may begin again; where a pose is doubted, for those without memory around it.
+        doubted = not (self.doubts.settled or self.config.budget.is_least(frame.step_s))
+        reserve = self.fitter.cost(1) if self.led else work.left // 2 if doubted else 0
         work.allowed -= reserve
         sought = Sought(
             frame.image,

@@ -76,7 +76,8 @@ class TrackState:
         poses = SEARCHED_POSES if searched else HYPOTHESES
         after_a_loss = searched and not self.is_first
         log10_nfa = fit.log10_false_alarms_of_lines(poses) if after_a_loss else fit.log10_false_alarms(poses)
-        if not fit.finite or log10_nfa >= 0.0 or not (searched or self.is_first or self.is_sure(fit, predicted)):
+        least = SURE if after_a_loss else 0.0
+        if not fit.finite or log10_nfa >= least or not (searched or self.is_first or self.is_sure(fit, predicted)):
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
         by_chance = fit.chance.edges + math.log10(poses)
