@@ -354,6 +354,13 @@ def test_no_folder_is_left_of_what_was_not_made_but_those_that_were_there_before
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_no_folder_is_left_above_one_that_cannot_be_made(tmp_path, write):
+    with pytest.raises(OSError, match="File name too long"), write(tmp_path / "a" / "b" / ("n" * 256) / "c"):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 @pytest.mark.parametrize("where", ["file/b", "/proc/none/b", "/proc/self/b"])
 def test_a_place_where_nothing_can_be_made_is_told_as_that(tmp_path, write, where):
     (tmp_path / "file").touch()
@@ -377,6 +384,18 @@ def test_a_folder_that_another_process_made_in_vain_and_removed_is_made_again(tm
     with write(tmp_path / "a" / "b") as new:
         (new / "report.json" if new.is_dir() else new).write_text("{}")
     assert (tmp_path / "a" / "b").exists()
+
+
+def test_a_folder_that_one_process_removed_and_another_made_again_is_written_to(tmp_path, monkeypatch):
+    link = Path.symlink_to
+
+    def in_a_removed_folder(path, target):
+        monkeypatch.setattr(Path, "symlink_to", link)
+        raise FileNotFoundError(errno.ENOENT, "No such file or directory", str(path))
+
+    monkeypatch.setattr(Path, "symlink_to", in_a_removed_folder)
+    write_text(tmp_path / "a", "x")
+    assert (tmp_path / "a").read_text() == "x"
 
 
 KILLED = """

@@ -17,18 +17,22 @@ def folder_for(path: Path, told: Path | None = None) -> Iterator[None]:
     """
     missing = list(takewhile(lambda above: not os.path.lexists(above), path.parents))
     try:
+        _make(path, told)
+        yield
+    except BaseException:
+        for each in missing:
+            with suppress(OSError):  # one that is not empty, as other processes write into it, or that was not made
+                each.rmdir()
+        raise
+
+
+def _make(path: Path, told: Path | None) -> None:
+    try:
         make_folder(path.parent)
     except (FileNotFoundError, FileExistsError, NotADirectoryError):
         above = next((each for each in path.parents if os.path.lexists(each)), path.parent)
         why = "no folder can be made there" if above.is_dir() else f"{above} is not a folder"
         raise NotADirectoryError(errno.ENOTDIR, why, str(told or path)) from None
-    try:
-        yield
-    except BaseException:
-        with suppress(OSError):  # one that is not empty, as other processes write into it
-            for each in missing:
-                each.rmdir()
-        raise
 
 
 def make_folder(folder: Path) -> None:

@@ -81,15 +81,15 @@ def _temporary(path: Path, told: Path | None) -> Iterator[Temporary]:
             owner.unlink(missing_ok=True)
 
 
-def _claim(owner: Path, text: str) -> None:
+def _claim(owner: Path, text: str, first: bool = True) -> None:
     """Create the link of an owner, or a file where the file system has no links."""
     try:
         owner.symlink_to(text)
     except FileNotFoundError:
-        if owner.parent.is_dir():  # where nothing can be created, as in `/proc`
+        if not first and owner.parent.is_dir():  # where nothing can be created, as in `/proc`
             raise NotADirectoryError(errno.ENOTDIR, "no file can be made there") from None
         make_folder(owner.parent)  # another process has made it in vain, and removed it
-        _claim(owner, text)
+        _claim(owner, text, first=False)
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
             raise
