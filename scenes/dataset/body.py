@@ -164,7 +164,7 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
-        if path.stem in RESERVED or path.stem.endswith(TRUTH):
+        if path.stem in RESERVED or (path.name not in sensors and path.stem.endswith(TRUTH)):
             continue
         if path.name not in sensors and not known and (near := _kind_meant(path)):
             raise UserError(

@@ -18,12 +18,13 @@ from uavbench.bench.external.rows import FAULTS, TrackerFault
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.third_party.opencv_rapid import OpencvRapid
 from uavbench.bench.trial.check import TRIAL, check
-from uavbench.scenes.dataset.body import body_of
+from uavbench.scenes.dataset.body import Feed, body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.sensors.sensor import Table, write_table
 
 PATIENT_S = 60.0
 """For programs that answer, on a machine however busy."""
@@ -334,6 +335,19 @@ def test_readings_whose_file_has_another_name_are_told(tmp_path, name):
     (tmp_path / "with-imu" / f"{name}.csv").write_text("no header\n")
     with pytest.raises(UserError, match=rf"{name}\.csv: looks like readings of the sensor imu"):
         body_of(replace(Sequence.load(TRIAL), folder=tmp_path / "with-imu"))
+
+
+def test_a_truth_is_read_only_where_the_sequence_lists_it_as_a_sensor(tmp_path):
+    """As of a user's class `wheel_truth`; else it is the ground truth of readings."""
+    shutil.copytree(TRIAL, tmp_path / "own")
+    info = json.loads((tmp_path / "own" / "sequence.json").read_text())
+    for name in ("wheel_truth", "wheel", "imu_truth"):
+        write_table(Table(("a_m",), np.zeros(0, np.int64), np.zeros((0, 1))), tmp_path / "own" / f"{name}.csv")
+    listed = {f"{name}.csv": {"kind": name, "measured": ["a_m"]} for name in ("wheel_truth", "wheel")}
+    (tmp_path / "own" / "sequence.json").write_text(json.dumps(info | {"sensors": listed}))
+    feed = Feed(Sequence.load(tmp_path / "own"))
+    assert set(feed.body.sensors) == {"wheel_truth", "wheel"}
+    assert not len(feed.upto(10**12)["wheel"]), "a sensor that found nothing"
 
 
 def test_it_starts_like_any_tracker_frame_by_frame(program, sequence):

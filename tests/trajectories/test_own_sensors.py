@@ -43,13 +43,22 @@ def measured(table: Table) -> Table:
 def test_readings_of_ones_own_are_taken_as_they_are() -> None:
     assert measured(Table(("b_m", "a_m", "true_bias_m"), STAMPS, np.ones((len(STAMPS), 3)))).columns[2] == "true_bias_m"
     assert np.isnan(measured(Table(("a_m", "b_m"), STAMPS, VALUES)).values[:, 1]).all()
+    assert not len(measured(Table(("a_m", "b_m"), STAMPS[:0], VALUES[:0])).stamps_ns)
+    unknown = Table(("a_m", "b_m", "true_m"), STAMPS, np.column_stack([VALUES, np.full(len(STAMPS), np.inf)]))
+    assert measured(unknown) is unknown
+
+
+def test_readings_that_are_for_no_tracker_are_taken_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the points that a class without `measured` sees at each stamp."""
+    monkeypatch.delattr(Own, "measured")
+    points = Table(("x_m",), np.repeat(STAMPS, 2), np.full((2 * len(STAMPS), 1), np.inf))
+    assert measured(points) is points
 
 
 @pytest.mark.parametrize(("change", "told"), [
     (lambda t: Table(t.columns, t.stamps_ns[::-1], t.values), r"row 1: the stamp 900000000 ns is not later than the"),
     (lambda t: Table(t.columns, t.stamps_ns / 1e9, t.values), r"row 1: the stamp 0 ns is not later than the one"),
     (lambda t: Table(t.columns, t.stamps_ns + 10**12, t.values), r"its stamps, 1000000000000 to .* not within the fli"),
-    (lambda t: Table(t.columns, t.stamps_ns[:0], t.values[:0]), r"its table has no readings"),
     (lambda t: Table(("x", "y"), t.stamps_ns, t.values), r"its class names a_m in `measured`, and its table has x, y"),
     (lambda t: Table(t.columns, t.stamps_ns, t.values / 0.0), r"row 0: a_m is infinite; NaN where nothing was measure"),
 ])  # fmt: skip
