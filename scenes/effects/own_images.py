@@ -11,6 +11,8 @@ from uavbench.trajectories.errors import UserError
 
 MOST_MEDIAN = 16.0
 """Largest median of a frame in parts of white: four stops beyond it; grey levels of 0 to 255 have more."""
+LEAST_MEDIAN = -0.1
+"""Smallest one: noise about black, or a black level that is taken off, leaves a dark frame slightly below 0."""
 
 
 def checked(effect: object, source: CameraSimulator, camera: CameraSimulator) -> CameraSimulator:
@@ -41,6 +43,6 @@ def _no_light(found: Any, shape: tuple[int, ...]) -> str:
     if not np.isfinite(found).all():
         return "holds numbers that are not finite"
     median = float(np.median(found))
-    if not 0.0 <= median <= MOST_MEDIAN:
+    if not LEAST_MEDIAN <= median <= MOST_MEDIAN:
         return f"has the median {median:.3g}" + (", as if it were in grey levels" if median > 0 else ", below black")
     return ""

@@ -48,6 +48,7 @@ def test_an_image_that_is_none_of_linear_light_is_told(change, told):
 @pytest.mark.parametrize("change", [
     lambda light: light * 8, lambda light: light * 0, lambda light: None,
     lambda light: light.astype(np.float64) + np.random.default_rng(0).normal(0, 0.1, light.shape),
+    lambda light: light * 0 - np.random.default_rng(0).random(light.shape) / 50,
 ])  # fmt: skip
 def test_glare_darkness_noise_and_lost_frames_are_left_alone(change):
     found = image_with(change)
