@@ -116,7 +116,7 @@ def read(path: Path) -> list[Loaded]:
         raise UserError(f"{path}: cannot read models of type {kind or 'without suffix'}; "
                         f"supported: {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
     data = read_bytes(path, MODEL)
-    data = data.removeprefix(BOM_UTF8) if kind == ".obj" else data  # its first line would be unknown, and left out
+    data = data.removeprefix(BOM_UTF8) if kind in (".obj", ".off") else data  # the first line would be unknown
     check_file(path, data)
     if kind == ".off":
         kind, data = ".obj", as_obj(path, data)

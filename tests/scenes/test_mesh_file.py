@@ -510,6 +510,25 @@ def test_a_concave_face_of_other_formats_does_not_cover_its_opening_either(tmp_p
         read(in_format(obj, kind, [2, 4, 0, 7, 5, 1, 6, 3]))
 
 
+@pytest.mark.parametrize("begins", ["OFF\n4 2 0", "\n# by a program\n\nOFF\n4 2 0", "\ufeffOFF\n4 2 0", "OFF 4 2 0"])
+def test_an_off_file_may_begin_with_empty_lines_and_comments(tmp_path: Path, begins: str) -> None:
+    text = f"{begins}\n0 0 0\n2 0 0\n0.5 0.5 0\n0 2 0\n4 1 2 3 0\n2 0 1\n"
+    (tmp_path / "arrow.off").write_text(text, encoding="utf-8")
+    (piece,) = read(tmp_path / "arrow.off")
+    assert len(piece.triangles) == 2
+
+
+def test_a_face_of_two_corners_beside_a_concave_one_is_left_out(tmp_path: Path) -> None:
+    path = in_format(with_an_opening(tmp_path / "door.obj"), ".ply")
+    (whole,) = read(path)
+    text = path.read_text().splitlines()
+    number = next(i for i, line in enumerate(text) if line.startswith("element face"))
+    text[number] = f"element face {int(text[number].split()[-1]) + 1}"
+    path.write_text("\n".join([*text, "2 0 1"]) + "\n")
+    (piece,) = read(path)
+    np.testing.assert_array_equal(piece.triangles, whole.triangles)
+
+
 def test_a_concave_face_of_a_binary_ply_file_is_cut_at_its_outline(tmp_path: Path) -> None:
     corners = np.array([(0, 0, 0), (2, 0, 0), (0.5, 0.5, 0), (0, 2, 0)], dtype="<f4")
     head = b"ply\nformat binary_little_endian 1.0\nelement vertex 4\n"

@@ -9,10 +9,10 @@ from uavbench.trajectories.errors import UserError
 def as_obj(path: Path, data: bytes) -> bytes:
     """The OBJ file of an OFF file's vertices and faces, each in the line in which it was; UserError when it is none."""
     lines = [line.partition(b"#")[0].split() for line in data.splitlines()]
-    words = [word for line in lines[:1] for word in line]
-    if not words or not re.fullmatch(rb"(?:ST)?C?N?OFF", words[0]):
-        raise UserError(f"{path}: not a readable off file: its first line is not OFF; export the model again")
-    lines[0] = words[1:]  # the numbers may stand beside it
+    first = next((row for row, line in enumerate(lines) if line), None)
+    if first is None or not re.fullmatch(rb"(?:ST)?C?N?OFF", lines[first][0]):
+        raise UserError(f"{path}: not a readable off file: it does not begin with OFF; export the model again")
+    del lines[first][0]  # the numbers may stand beside it
     places = [row for row, line in enumerate(lines) if line]
     try:
         vertices, faces = map(int, lines[places[0]][:2])

@@ -29,7 +29,7 @@ def triangles_of(path: Path, mesh: Any) -> Indices:
     found = set(concave(points, faces))
     if not found:
         return fans
-    if len(points) != len(mesh.vertices) or len(fans) != sum(len(face) - 2 for face in faces):
+    if len(points) != len(mesh.vertices) or len(fans) != sum(max(len(face) - 2, 0) for face in faces):
         raise UserError(f"{path}: has concave faces, which cannot be read together with its texture; export triangles")
     FaceWork(path).add(len(faces[number]) for number in found)
     return np.concatenate([
@@ -39,8 +39,8 @@ def triangles_of(path: Path, mesh: Any) -> Indices:
 
 
 def fan(face: list[int]) -> Indices:
-    """Triangles (n - 2, 3) of a convex face by its vertices."""
-    return np.array([(face[0], *pair) for pair in pairwise(face[1:])], dtype=np.int64)
+    """Triangles (n - 2, 3) of a convex face by its n vertices; none of fewer than three."""
+    return np.array([(face[0], *pair) for pair in pairwise(face[1:])], dtype=np.int64).reshape(-1, 3)
 
 
 def _polygons(found: Any) -> list[list[int]]:
