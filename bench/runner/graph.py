@@ -79,18 +79,23 @@ class Job:
 class Outcome:
     """Result of a graph: jobs done, jobs that were up to date, reasons of failures, times and memory.
 
-    users_mistake: whether a job failed because of a mistake in the input; tracebacks: of failures that are neither that
-    nor a full or broken disk.
+    mistakes: names of the jobs that failed because of a mistake in the input; tracebacks: of failures that are neither
+    that nor a full or broken disk.
     """
 
     done: list[Job] = field(default_factory=list)
     fresh: list[Job] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
-    users_mistake: bool = False
+    mistakes: set[str] = field(default_factory=set)
     tracebacks: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     wall_s: float = 0.0
     peak_mb: float = 0.0
+
+    @property
+    def users_mistake(self) -> bool:
+        """Whether a job failed because of a mistake in the input."""
+        return bool(self.mistakes)
 
 
 class JobFaultError(Exception):
@@ -242,7 +247,8 @@ def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str
         seconds, peaks[job.name] = future.result()
     except UserError as error:
         outcome.failed[job.name] = str(error)
-        outcome.users_mistake |= not isinstance(error, DiskError)
+        if not isinstance(error, DiskError):
+            outcome.mistakes.add(job.name)
     except BrokenProcessPool:
         outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
     except Exception as error:

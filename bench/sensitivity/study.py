@@ -90,7 +90,8 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
         tell(outcome, folder, suite_name)
         refuse_touched(jobs, planned, outcome.done)
         if unknown := of_no_variant(jobs, outcome):
-            say(f"no table: {unknown[0]} failed, which says nothing of a value; run the same command again", err=True)
+            told = "which says nothing of a value; once that is mended, the same command goes on from here"
+            say(f"no table: {unknown[0]} failed, {told}", err=True)
             return 2 if outcome.users_mistake else 1
         done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}
         changes = [change(suite, variant, folder, done) for variant in variants]
@@ -101,11 +102,12 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
 def of_no_variant(jobs: Sequence[Job], outcome: Outcome) -> list[str]:
     """Names of the jobs that failed for another reason than the changed value of a variant.
 
-    That is what renders, what the default runs in, and what a full disk or the end of a worker has stopped.
+    That is what renders, what the default runs in, and what a full disk or the end of a worker has stopped. A variant
+    alone has a mistake when its tracker refuses to start with the value: the rest of the input is that of the default.
     """
     failed = [job for job in jobs if not outcome.failed.get(job.name, NOT_DONE).startswith(NOT_DONE)]
     runs = [job for job in failed if job.verb != "render" and f" {DEFAULT}@" not in job.name]
-    by_value = {job.name for job in runs if job.name in outcome.tracebacks}
+    by_value = {job.name for job in runs if job.name in outcome.tracebacks or job.name in outcome.mistakes}
     return [job.name for job in failed if job.name not in by_value]
 
 

@@ -10,7 +10,7 @@ from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
-from uavbench.bench.runner.graph import Outcome
+from uavbench.bench.runner.graph import Job, Outcome
 from uavbench.bench.sensitivity.study import Change, of_no_variant
 from uavbench.bench.sensitivity.variants import changed, values_of
 from uavbench.tracker.robust.tracker import Robust
@@ -136,6 +136,19 @@ def test_no_table_is_made_of_runs_that_failed_for_another_reason_than_the_value(
     assert done.exit_code == 1
     assert (tmp_path / "out" / "sensitivity.md").exists() == tables
     assert (f"no table: {begins}" in done.output) == (not tables), done.output
+
+
+def test_a_value_with_which_a_tracker_refuses_to_start_is_a_loss_of_the_variant_alone(tmp_path):
+    """`start` that raises is told as a mistake of the input; no table would ever be made."""
+    jobs = [
+        Job(verb="track", name=f"track box-s0 {label}@3hz", work=print, marker=tmp_path, content_hash="")
+        for label in ("default", "passes-x2")
+    ]
+    default, variant = (job.name for job in jobs)
+    start = "Own cannot be started: ValueError: passes"
+    assert of_no_variant(jobs, Outcome(failed={variant: start}, mistakes={variant})) == []
+    both = Outcome(failed={default: start, variant: start}, mistakes={default, variant})
+    assert of_no_variant(jobs, both) == [default]
 
 
 @pytest.mark.parametrize("name", ["sensitivity.md", "sensitivity.csv"])
