@@ -34,6 +34,9 @@ from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import fly
 from uavbench.trajectories.trajectory import Trajectory
 
+LEAST_FOUND = 6
+"""Characters of what is looked for in all bytes: fewer, as of the host `vm`, stand in those of an image by chance."""
+
 
 def package(folder):
     return {name: (folder / "participants" / name).read_bytes() for name in tree(folder / "participants")}
@@ -99,10 +102,12 @@ def numbers_to_hide(folder):
 def test_no_byte_of_the_package_tells_truth_seed_names_or_paths(challenge):
     files = package(challenge)
     text = b"\0".join(files.values())
+    written = b"\0".join(data for name, data in files.items() if not name.endswith(".png"))
     readme = files["README.md"]
     given = {hashlib.sha256(data).hexdigest() for data in files.values()}  # digests of what is there tell nothing else
     for hidden in set(texts_to_hide(challenge)) - given:
-        data = text.replace(readme, b"") if hidden == "seed" else text
+        data = text if len(hidden) >= LEAST_FOUND else written
+        data = data.replace(readme, b"") if hidden == "seed" else data
         assert hidden.encode() not in data, hidden
         assert not [name for name in files if hidden in name], hidden
     said = set(text.replace(b",", b" ").replace(b"[", b" ").replace(b"]", b" ").replace(b"\0", b" ").split())
