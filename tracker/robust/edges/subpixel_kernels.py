@@ -143,8 +143,9 @@ def refine_subpixel(
 def share_motion(points: Array, of: Indices, shares: Array, view: View, point: Array, line: Array) -> None:
     """Write the point (3,) that moves in the image as the mean by shares (k,) of k points, and its pixel into line.
 
-    A pixel is linear in a point over its depth: so is its motion, and the mean of several points over their depths is
-    one between them over its own. Shares below 0 count as 0: those are of heights that are hardly told apart.
+    A pixel is linear in a point over its depth: the mean of several points over their depths is one between them over
+    its own. So is its motion across the axis, and nearly so along it, as the points are within a few pixels. Shares
+    below 0 count as 0: those are of heights that are hardly told apart.
     """
     R, t, depth = view.R, view.t, 0.0
     mean = np.zeros(3)
