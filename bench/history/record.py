@@ -9,7 +9,7 @@ import fcntl
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +32,7 @@ from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.reports.statistics.bootstrap import hierarchical_interval
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.folders import folder_for
+from uavbench.trajectories.files.folders import folder_for, make_folder
 
 FREE = ("uavbench",)
 """Details of an environment that are not compared: they change with every commit of uavbench's own repository."""
@@ -174,10 +174,21 @@ def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) 
 @contextmanager
 def alone(file: Path) -> Iterator[None]:
     """Exclusive lock on the folder of a history: concurrent records would overwrite each other."""
-    with folder_for(file):
-        handle = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(handle)
+    with ExitStack() as stack, folder_for(file):  # which is removed, if at all, while it is locked
+        while not _is_locked(file.parent, stack):
+            make_folder(file.parent)
+        yield
+
+
+def _is_locked(folder: Path, stack: ExitStack) -> bool:
+    """Whether a folder is locked, until the stack ends; False where a process that failed removed it meanwhile."""
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except FileNotFoundError:
+        return False
+    stack.callback(os.close, handle)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    try:
+        return os.path.samestat(os.fstat(handle), folder.stat())
+    except FileNotFoundError:
+        return False

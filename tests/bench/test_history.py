@@ -1,8 +1,11 @@
 """The history of a suite: change points, drift, alarms, the page and the forms of other services."""
 
+import fcntl
 import json
+import os
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
+from uavbench.bench.history.record import alone
 from uavbench.bench.history.validation import RERUNS, Trial, history_of, measured, resampled
 from uavbench.reports.history import change_points
 from uavbench.reports.history.change_points import changes
@@ -28,6 +32,35 @@ def noisy(commits, seed=0, flights=FLIGHTS):
 
 def found(errors):
     return changes(series_of(history_of(errors), *NAME))
+
+
+def test_a_folder_that_a_failed_record_removed_is_locked_as_it_was_made_again(tmp_path):
+    """Else one process would hold the removed folder and another one the new one, at the same time."""
+    folder = tmp_path / "history"
+    folder.mkdir()
+    failing = os.open(folder, os.O_RDONLY)
+    fcntl.flock(failing, fcntl.LOCK_EX)
+    entered, leave = threading.Event(), threading.Event()
+
+    def record():
+        with alone(folder / "history.json"):
+            entered.set()
+            leave.wait()
+
+    thread = threading.Thread(target=record)
+    thread.start()
+    try:
+        assert not entered.wait(0.3)
+        folder.rmdir()
+        os.close(failing)
+        assert entered.wait(30.0)
+        other = os.open(folder, os.O_RDONLY)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.close(other)
+    finally:
+        leave.set()
+        thread.join()
 
 
 @pytest.mark.parametrize(
