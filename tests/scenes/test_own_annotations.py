@@ -56,6 +56,12 @@ def test_masks_of_ones_own_are_read_and_exported(sequence, tmp_path):
     np.testing.assert_array_equal(exported, MASK * 255)
 
 
+def test_instances_of_clutter_of_ones_own_are_read(sequence):
+    instances = MASK * 7
+    written(instances)(sequence / "mask" / "000003.png")
+    np.testing.assert_array_equal(Sequence.load(sequence)[3].mask, instances)
+
+
 @pytest.mark.parametrize("form", ["colmap", "bop", "transforms"])
 @pytest.mark.parametrize(("write", "told"), WRONG.values(), ids=WRONG)
 def test_a_mask_that_is_none_of_the_camera_is_told_with_its_frame(sequence, tmp_path, form, write, told):

@@ -13,15 +13,15 @@ from uavbench.trajectories.errors import UserError
 TO_THE_NEXT = ("flow", "occlusion")
 """Annotations that relate a frame to the next one: the last frame has none."""
 INSTANCES = "0 everything else, 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes"
-FREE = (*range(5, 10), 255)
-"""Values of masks that no instance has; 255 is that of the masks of other programs."""
+WHITE = 255
+"""Value of the structure in masks of other programs, which no instance has; 5 to 9 are left to clutter of users."""
 BITS = {np.dtype(np.uint8): 8, np.dtype(np.uint16): 16}
 
 
 def annotation_file(folder: Path, kind: str, frame: int, frames: int, suffix: str = ".png") -> Path | None:
     """File of an annotation of a frame, of a sequence of `frames`; None where the sequence has no such annotation.
 
-    UserError when it has files of this kind, and none of this frame.
+    UserError when it has a folder of this kind, and no file of this frame.
     """
     path = folder / kind / f"{frame:06d}{suffix}"
     if path.is_file():
@@ -48,10 +48,9 @@ def samples_of(path: Path, folder: Path, camera: Camera, kind: type[np.unsignedi
 
 
 def mask_of(path: Path, folder: Path, camera: Camera) -> NDArray[np.uint8]:
-    """Instances (h, w) of a mask; UserError when it is none of the camera's, or has values that no instance has."""
+    """Instances (h, w) of a mask; UserError when it is none of the camera's, or black and white."""
     instances = samples_of(path, folder, camera, np.uint8).astype(np.uint8)
-    if wrong := [value for value in FREE if (instances == value).any()]:
-        raise UserError(
-            f"{path}: has the value {wrong[0]}, which no instance has ({INSTANCES}); write 1 for the structure"
-        )
+    if (instances == WHITE).any():
+        told = f"which no instance has ({INSTANCES}); write 1 for the structure"
+        raise UserError(f"{path}: has the value {WHITE}, {told}")
     return instances
