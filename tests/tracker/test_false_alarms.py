@@ -183,17 +183,6 @@ def after_three_frames():
     return run, near, run.fitter.fit(images[-1], near.cam_from_world, near.covariance, StageClock(), 5.0)
 
 
-def test_chance_is_asked_of_the_matches_and_not_of_how_exactly_they_are_located():
-    """Located points are given up within their own deviation, chance is asked of the cutoff of the matches."""
-    run, _, fit = after_three_frames()
-    located = run.fitter.locate(fit.searched, StageClock())
-    none = located.estimate.weighting._replace(weight=np.zeros(fit.control_points))
-    given_up = located._replace(estimate=located.estimate._replace(weighting=none))
-    other = run.fitter.judge.fit(fit.searched, given_up)
-    assert other.inliers < fit.inliers
-    assert other.chance == fit.chance and other.chance_by_lines == fit.chance_by_lines
-
-
 @pytest.mark.parametrize(("log10_nfa", "holds"), [(-2.0, False), (-4.0, True)])
 def test_after_a_loss_a_searched_pose_is_as_sure_as_a_track(log10_nfa, holds):
     run, near, fit = after_three_frames()

@@ -40,7 +40,7 @@ class Found(NamedTuple):
 
     rows (n,), equal for the points of one part; distance (n, k) of the candidates in px, inf where none; weight (n,)
     and patch_weight (m,) > 0 for inliers; correlation (m,) < 0 for patches that were not searched; width_px: cutoff of
-    the weights, the same of all points; half_px: half length of the search lines.
+    the weights; half_px: half length of the search lines.
     """
 
     rows: Indices

@@ -10,6 +10,7 @@ from uavbench.tracker.robust.fit.false_alarms import Found, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals, Searched
 from uavbench.tracker.robust.fit.stage_kernels import Located, Weightings, judge
+from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
@@ -45,7 +46,7 @@ class Judge(NamedTuple):
             seen.edge_support,
             float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
             seen.chance,
-            self.found(searched),
+            self.found(searched, weighting),
             FitResiduals(
                 points,
                 chosen,
@@ -70,15 +71,11 @@ class Judge(NamedTuple):
 
     def log10_chance(self, searched: Searched) -> float:
         """Decimal logarithm of the bound on the probability that a random pose finds as much as a search did."""
-        return chance(self.found(searched)).whole
+        return chance(self.found(searched, searched.found.estimate.weighting)).whole
 
-    def found(self, searched: Searched) -> Found:
-        """What the matches of a search say was found: those of its last cutoff, whatever becomes of them when located.
-
-        That cutoff is the one by which chance is asked; located points are given up farther than their own deviation.
-        """
+    def found(self, searched: Searched, weighting: Weighting) -> Found:
+        """What these weights say was found."""
         problem, aligned, solution, _ = searched
-        weighting = solution.estimate.weighting
         return Found(
             problem.points.rows,
             solution.measured.candidates.distance,

@@ -221,5 +221,5 @@ def judge(
     for p in range(len(last.patch_weight)):
         inliers += int(last.patch_weight[p] != 0.0)
     rows, last_px, half_px = measured.points.rows, widths.last_px, widths.fine_half_px
-    found = Found(rows, distance, matched.weight, matched.patch_weight, correlation, last_px, half_px)
+    found = Found(rows, distance, last.weight, last.patch_weight, correlation, last_px, half_px)
     return Judged(share.whole, share.edges, candidates, inliers, chance(found))
