@@ -38,14 +38,9 @@ class Follower:
         So edges are those nearest to where the pose is thought to be, while the pose itself is told by the image: what
         made the prediction has the errors of the image before, which would count twice.
         """
-        fitter, at = self.fitter, frame.predicted
-        found = fitter.search(frame.image, at.cam_from_world, usual, clock)
-        if isinstance(found, Fit):
-            return found
-        found = found.with_covariance(at.covariance)
-        located = fitter.locate(found, clock)
-        with clock.stage("support"):
-            return fitter.judge.fit(found, located)
+        at = frame.predicted
+        found = self.fitter.search(frame.image, at.cam_from_world, usual, clock)
+        return found if isinstance(found, Fit) else self.fitter.concluded(found.with_covariance(at.covariance), clock)
 
     def worth(self, frame: Frame, fit: Fit) -> float:
         """Support of a fit, and its worth before its frame; -inf where it has no pose."""

@@ -149,8 +149,10 @@ class EdgeFitter:
         half_px: largest half length of the search lines, None for no limit.
         """
         found = self.search(image, predicted, covariance, clock, half_px)
-        if isinstance(found, Fit):
-            return found
+        return found if isinstance(found, Fit) else self.concluded(found, clock)
+
+    def concluded(self, found: Searched, clock: StageClock) -> Fit:
+        """The fit to the matches of a search, its edges located between the pixels where the image was not smoothed."""
         at = self.locate(found, clock) if self.sharp else unlocated(found, self.response.numbers)
         with clock.stage("support"):
             return self.judge.fit(found, at)

@@ -1,9 +1,9 @@
 """Compiled fit of blurred steps of linear light to the pixels around a control point.
 
 Near an edge the light is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. Within a few
-pixels lie others: the borders of a reveal, of a flange, of lattice members. All of them are moved by the same error of
-the pose, so that the light is a + sum_k b_k H(s_k - d): least squares in the level a, the heights b_k and the one shift
-d, whose residual gives the variance of d.
+pixels lie others: the borders of a reveal, of a flange, of lattice members. The light is a + sum_k b_k H(s_k - d):
+least squares in the level a, the heights b_k and one shift d, whose residual gives the variance of d. Where an error of
+the pose moves the edges by d_k of their own, d is their mean by the shares of the steps in it.
 """
 
 import math
@@ -121,29 +121,29 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     if not whole > strip.optics.light[0, 1]:  # less than one code
         return NO_STEP
     noise = max(0.0, products[light, light] - explained) / (n - steps - 2)
-    for r in range(rows):  # at the minimum, where the shift is linear in the light
-        row, moved = last + 1 + r, 0.0
-        for i in range(steps):
-            moved -= height[i] * products[row, 2 * i + 1]
-            x[i] = products[row, 2 * i] - shift * products[row, 2 * i + 1]
-            for k in range(i):
-                x[i] -= A[i, k] * x[k]
-            x[i] *= A[i, i]
-        for i in range(steps):
-            moved -= A[steps, i] * x[i]
-        sums.by_response[r] = -moved * A[steps, steps]
+    for r in range(rows):
+        sums.by_response[r] = -moved_by(last + 1 + r, steps, shift, sums) * A[steps, steps]
     for own in range(steps if steps > 1 else 0):
-        slope, moved = 2 * own + 1, 0.0
-        for i in range(steps):
-            moved += height[i] * products[slope, 2 * i + 1]
-            x[i] = shift * products[slope, 2 * i + 1] - products[slope, 2 * i]
-            for k in range(i):
-                x[i] -= A[i, k] * x[k]
-            x[i] *= A[i, i]
-        for i in range(steps):
-            moved -= A[steps, i] * x[i]
-        sums.shares[own] = height[own] * moved * A[steps, steps]
+        sums.shares[own] = -height[own] * moved_by(2 * own + 1, steps, shift, sums) * A[steps, steps]
     return Step(start + shift, noise * A[steps, steps])
+
+
+@inlined
+def moved_by(row: int, steps: int, shift: float, sums: Sums) -> float:
+    """What a unit of the term in a row of the products adds to the light, as the shift sees it, the heights eliminated.
+
+    At the minimum, where the shift is linear in the light; A in `sums` is L D, see `solve`.
+    """
+    products, A, x, height, moved = sums.products, sums.A, sums.x, sums.height, 0.0
+    for i in range(steps):
+        moved -= height[i] * products[row, 2 * i + 1]
+        x[i] = products[row, 2 * i] - shift * products[row, 2 * i + 1]
+        for k in range(i):
+            x[i] -= A[i, k] * x[k]
+        x[i] *= A[i, i]
+    for i in range(steps):
+        moved -= A[steps, i] * x[i]
+    return moved
 
 
 @inlined
