@@ -10,6 +10,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
+from uavbench.tracker.robust.relocalization import doubts as doubts_module
 from uavbench.tracker.robust.relocalization.doubts import ENOUGH, MOST_FRAMES, Doubts
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.tracker import Robust
@@ -68,9 +69,10 @@ def test_a_wrong_pose_is_left_for_the_right_one(shift_m, turn_rad):
     assert not there.doubts.settled  # the new one is doubted as well
 
 
-@pytest.mark.parametrize(("log10_nfa", "settled"), [(-1.0, True), (-1e3, False)])
-def test_a_right_pose_is_kept_and_beyond_doubt_unless_chance_explains_it(log10_nfa, settled):
-    there = Doubted(config=replace(CONFIG, loss=replace(CONFIG.loss, log10_false_alarms=log10_nfa)))
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_right_pose_is_kept_and_beyond_doubt_unless_chance_explains_it(monkeypatch, settled):
+    monkeypatch.setattr(doubts_module, "is_by_chance", lambda *_: not settled)
+    there = Doubted()
     fit = there.held(there.true)
     assert there.after(fit, 8) is None
     assert there.doubts.in_vain == ENOUGH and there.doubts.settled == settled
@@ -122,13 +124,15 @@ def off_by_4_percent(pose):
     return off(pose, 0.04 * float(np.linalg.norm(pose.transform(box().bounds.mean(axis=0)[None]))), 0.07)
 
 
-DOUBTFUL = replace(CONFIG, loss=replace(CONFIG.loss, log10_false_alarms=-1e3))
-"""A tracker that chance never satisfies: it doubts each first pose that is not the initial one."""
+def chance_explains_all(monkeypatch):
+    """Let doubts see chance in all poses: each first pose that is not the initial one is doubted for ever."""
+    monkeypatch.setattr(doubts_module, "is_by_chance", lambda *_: True)
 
 
-def test_a_pose_that_chance_explains_is_tracked_as_ambiguous_and_never_ok():
+def test_a_pose_that_chance_explains_is_tracked_as_ambiguous_and_never_ok(monkeypatch):
+    chance_explains_all(monkeypatch)
     poses, images = flown(12, seed=11)
-    run = Robust(DOUBTFUL).start(box(), CAMERA, off_by_4_percent(poses[0]), np.random.default_rng(0))
+    run = Robust().start(box(), CAMERA, off_by_4_percent(poses[0]), np.random.default_rng(0))
     results = [run.track(image, i * STEP_NS) for i, image in enumerate(images)]
     began = [result.status for result in results].index("ambiguous")
     assert {result.status for result in results[began:]} == {"ambiguous"} and began <= 4
@@ -137,9 +141,10 @@ def test_a_pose_that_chance_explains_is_tracked_as_ambiguous_and_never_ok():
         assert error_m(result.guess, true) < 0.01
 
 
-def test_a_doubted_pose_that_a_frame_does_not_confirm_is_forgotten_with_all_that_was_learned_there():
+def test_a_doubted_pose_that_a_frame_does_not_confirm_is_forgotten_with_all_that_was_learned_there(monkeypatch):
+    chance_explains_all(monkeypatch)
     poses, images = flown(12, seed=11)
-    run = Robust(DOUBTFUL).start(box(), CAMERA, off_by_4_percent(poses[0]), np.random.default_rng(0))
+    run = Robust().start(box(), CAMERA, off_by_4_percent(poses[0]), np.random.default_rng(0))
     initial = replace(run.state)
     seen = [run.track(image, i * STEP_NS).status for i, image in enumerate(images[:8])]
     assert seen[-1] == "ambiguous" and run.fitter.appearance.any() and not run.state.is_first

@@ -15,6 +15,7 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
+APART_PX = 1.5
 ALONG = np.array([0.3, -0.2, 0.1, 0.02, 0.05, -0.01])
 """Twist to a prediction, m and rad."""
 
@@ -55,23 +56,23 @@ def seen_alike(fit, px):
 def test_they_fill_the_ball_through_the_fit_whatever_the_covariance_says(fit, px, sigma):
     """In six directions alike, of a ball of radius r there are (r / c)^6 cells of a side c."""
     predicted = Motion(away(fit, ALONG), sigma**2 * np.eye(6))
-    cells = np.linalg.norm(ALONG) / (fit.evidence.width_px / px)
-    assert log10_poses_as_near(seen_alike(fit, px), predicted) == pytest.approx(6 * log10(cells), rel=1e-6)
+    cells = np.linalg.norm(ALONG) / (APART_PX / px)
+    assert log10_poses_as_near(seen_alike(fit, px), predicted, APART_PX) == pytest.approx(6 * log10(cells), rel=1e-6)
 
 
 def test_directions_in_which_nothing_looks_different_do_not_count(fit):
     sigmas = np.array([0.1, 0.1, 0.1, 1e-6, 1e-6, 1e-6])
     predicted = Motion(away(fit, [0.1, 0, 0, 0, 0, 0]), np.diag(sigmas**2))
-    cells = 0.1 / (fit.evidence.width_px / 200.0)
-    assert log10_poses_as_near(seen_alike(fit, 200.0), predicted) == pytest.approx(3 * log10(cells), rel=1e-4)
+    cells = 0.1 / (APART_PX / 200.0)
+    assert log10_poses_as_near(seen_alike(fit, 200.0), predicted, APART_PX) == pytest.approx(3 * log10(cells), rel=1e-4)
 
 
 def test_at_the_prediction_there_is_the_fit_alone(fit):
-    assert log10_poses_as_near(fit, Motion(fit.cam_from_world, np.eye(6))) == 0.0
+    assert log10_poses_as_near(fit, Motion(fit.cam_from_world, np.eye(6)), APART_PX) == 0.0
 
 
 def test_a_prediction_of_no_covariance_excludes_no_pose(fit):
-    assert log10_poses_as_near(fit, Motion(away(fit, ALONG), np.zeros((6, 6)))) == np.inf
+    assert log10_poses_as_near(fit, Motion(away(fit, ALONG), np.zeros((6, 6))), APART_PX) == np.inf
 
 
 @pytest.mark.parametrize(("twist", "holds"), [(0.01 * ALONG, True), (ALONG, False)])

@@ -88,7 +88,7 @@ def test_nor_does_one_of_less_support_than_any_pose_needs(support):
 @pytest.mark.parametrize("panels", [1, 2])
 def test_poses_at_which_the_structure_looks_alike_are_left_to_the_comparison_of_rivals(panels):
     """Both find real edges: which of them chance explains less tells little."""
-    log10 = {fit: A_ROW.fitter.judge.log10_chance(fit.searched) for fit in map(A_ROW.at, (0.0, -panels * PANEL_M))}
+    log10 = {fit: fit.chance.whole for fit in map(A_ROW.at, (0.0, -panels * PANEL_M))}
     rarer, best = sorted(log10, key=log10.__getitem__)
     assert log10[rarer] < log10[best] - 1.0
     assert A_ROW.relocator.rarer(A_ROW.ranking(best, rarer)) == []

@@ -12,18 +12,18 @@ from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import Motion
 
 
-def log10_poses_as_near(fit: Fit, predicted: Motion) -> float:
+def log10_poses_as_near(fit: Fit, predicted: Motion, apart_px: float) -> float:
     """Decimal logarithm of the number of poses as near to a prediction as a fit that look different, at least 0.
 
-    Two poses look different where the control points are apart by the width within which an edge is found, in the root
-    mean square; 0 without control points, inf where the covariance is not positive definite.
+    Two poses look different where the control points are apart by so many px in the root mean square; 0 without control
+    points, inf where the covariance is not positive definite.
     """
-    if fit.searched is None or fit.evidence is None or not len(fit.searched.problem.lines.jacobian):
+    if fit.searched is None or not len(fit.searched.problem.lines.jacobian):
         return 0.0
     away = predicted.squared_mahalanobis(fit.cam_from_world)
     if not math.isfinite(away):
         return math.inf
-    seen = fit.searched.problem.lines.jacobian / fit.evidence.width_px
+    seen = fit.searched.problem.lines.jacobian / apart_px
     root = np.linalg.cholesky(predicted.covariance)
     along = np.linalg.eigvalsh(root.T @ (seen.T @ seen / len(seen)) @ root)
     return 0.5 * sum(math.log10(square) for square in (along * away).tolist() if square > 1.0)

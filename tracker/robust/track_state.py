@@ -1,19 +1,16 @@
 """State of a run of `robust` after its frames so far, and the support required of the next one."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from math import log10
 from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
 from uavbench.tracker.robust.near_poses import log10_poses_as_near
-from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Contender, Likely
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
-
-SURE = -3.0
-"""Decimal logarithm of the number of false alarms among the poses near a prediction below which a track goes on."""
 
 
 class Hypothesis(NamedTuple):
@@ -73,27 +70,21 @@ class TrackState:
         recent: whether the last pose is. A fit that was searched may have any support where hardly a pose among all
         those of a search is expected to find as many of its edges by chance.
         """
-        poses = SEARCHED_POSES if searched else HYPOTHESES
-        after_a_loss = searched and not self.is_first
-        log10_nfa = fit.log10_false_alarms_of_lines(poses) if after_a_loss else fit.log10_false_alarms(poses)
-        least = SURE if after_a_loss else 0.0
-        if not fit.finite or log10_nfa >= least or not (searched or self.is_first or self.is_sure(fit, predicted)):
+        tried, apart_px = log10(SEARCHED_POSES), self.config.solver.estimator.last_width_px
+        if not searched:
+            tried = min(tried, log10_poses_as_near(fit, predicted, apart_px))
+        if not fit.finite or fit.chance.whole + tried >= (0.0 if self.is_first else SURE):
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
-        by_chance = fit.chance.edges + math.log10(poses)
-        beyond_doubt = after_a_loss and by_chance < self.config.loss.log10_false_alarms
+        poses = SEARCHED_POSES if searched else HYPOTHESES
+        by_chance = fit.chance.edges + log10(poses)
+        beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
-
-    def is_sure(self, fit: Fit, predicted: Motion) -> bool:
-        """Whether chance would not find as much at one of the poses that are as near to the prediction."""
-        if fit.log10_false_alarms(SEARCHED_POSES) < SURE:
-            return True
-        return fit.chance.whole + log10_poses_as_near(fit, predicted) < SURE
 
     def may_begin_at(self, fit: Fit) -> bool:
         """Whether a fit that a search found would do as a first one, of which nothing is known."""
         enough = fit.finite and fit.support >= self.config.initialization.min_support
-        return enough and fit.log10_false_alarms_of_lines(SEARCHED_POSES) < 0.0
+        return enough and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
 
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
         """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
@@ -113,7 +104,7 @@ class TrackState:
         usual_chi2 = FAR_CHI2 * self.prediction_errors.scale
         if self.is_first or predicted.squared_mahalanobis(fit.cam_from_world) > usual_chi2:
             return False
-        loss, log10_nfa = self.config.loss, fit.chance.edges + math.log10(poses)
+        loss, log10_nfa = self.config.loss, fit.chance.edges + log10(poses)
         if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:
             return True
         return not self.is_lost and log10_nfa < loss.log10_false_alarms
@@ -141,7 +132,7 @@ class TrackState:
 
     def is_sound(self, fit: Fit, least: float) -> bool:
         """Whether a fit has a least support that chance does not explain."""
-        return fit.finite and fit.support >= least and fit.log10_false_alarms_of_lines(SEARCHED_POSES) < 0.0
+        return fit.finite and fit.support >= least and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
 
     def return_to(self, before: "TrackState") -> None:
         """Return to an earlier state."""

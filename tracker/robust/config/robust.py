@@ -65,9 +65,7 @@ class LossConfig:
     log10_false_alarms: float = -10.0
     """Logarithm of the number of false alarms below which a track with less support is continued, and a pose that a
     search found is accepted with less. Measured on six flights: -12 to -36 at the tracked pose, -9 to 2 at poses that
-    are off by 5 to 30 % of the range. The same in one of the frames in which a first pose that a search found is
-    doubted. Measured: -10.2 to -27.7 at 24 of 25 right poses found from a wrong initial pose, -6.3 to -9.2 where a box
-    was sought in images of a bridge."""
+    are off by 5 to 30 % of the range."""
     slow_part: Part = 0.92
     """Fraction of the usual support below which a pose search follows an interval of `slow_s`, or one of more budget
     than the least where chance may have found the pose. Chosen on rendered seeds."""

@@ -38,12 +38,17 @@ class EstimatorConfig:
         return float(self.fine_widths_px[0]) + 1.0
 
     @property
+    def last_width_px(self) -> float:
+        """The last cutoff of all, within which an edge is found."""
+        return float(self.fine_widths_px[-1])
+
+    @property
     def trusted_px(self) -> float:
         """Residual of most influence, beyond which a match is the less believed the larger it is.
 
         That of the last biweight: its influence r (1 - r^2 / c^2)^2 has its maximum at c / sqrt(5).
         """
-        return float(self.fine_widths_px[-1]) / math.sqrt(5.0)
+        return self.last_width_px / math.sqrt(5.0)
 
     @property
     def separate_px(self) -> float:

@@ -6,11 +6,9 @@ import numpy as np
 
 from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.robust.edges.weight_kernels import found_parts
-from uavbench.tracker.robust.fit.false_alarms import Found, chance
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals, Searched
 from uavbench.tracker.robust.fit.stage_kernels import Located, Weightings, judge
-from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
@@ -31,6 +29,7 @@ class Judge(NamedTuple):
             problem.counts,
             Weightings(matched, weighting),
             correlation,
+            aligned.view.to(found.estimate.R, found.estimate.t),
             self.appearance,
             self.values,
         )
@@ -46,7 +45,6 @@ class Judge(NamedTuple):
             seen.edge_support,
             float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
             seen.chance,
-            self.found(searched, weighting),
             FitResiduals(
                 points,
                 chosen,
@@ -67,21 +65,4 @@ class Judge(NamedTuple):
         found = searched.found
         return found_parts(
             found.measured, found.estimate.weighting.weight, self.appearance, self.values.appearance.weak_step_grey
-        )
-
-    def log10_chance(self, searched: Searched) -> float:
-        """Decimal logarithm of the bound on the probability that a random pose finds as much as a search did."""
-        return chance(self.found(searched, searched.found.estimate.weighting)).whole
-
-    def found(self, searched: Searched, weighting: Weighting) -> Found:
-        """What these weights say was found."""
-        problem, aligned, solution, _ = searched
-        return Found(
-            problem.points.rows,
-            solution.measured.candidates.distance,
-            weighting.weight,
-            weighting.patch_weight,
-            aligned.matches.correlation,
-            self.values.widths.last_px,
-            self.values.widths.fine_half_px,
         )

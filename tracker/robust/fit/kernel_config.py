@@ -39,7 +39,7 @@ class Widths(NamedTuple):
             np.array(estimator.coarse_widths_px),
             fine,
             fine[-2:].copy(),
-            float(fine[-1]),
+            estimator.last_width_px,
             estimator.trusted_px,
             estimator.fine_half_px,
             float(estimator.separate_px),

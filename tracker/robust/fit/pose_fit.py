@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance_of_lines
+from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
@@ -110,7 +110,7 @@ class Fit:
 
     support in [0, 1]: weighted inlier ratio of the control points and patches; edge_support: of the control points
     alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any; chance: bounds on
-    the probability that a random pose finds as much as the evidence says. searched: what it is based on. Of these there
+    the probability that a random pose matches as much. searched: what it is based on. Of these there
     are none without control points.
     """
 
@@ -124,7 +124,6 @@ class Fit:
     edge_support: float = 0.0
     found: float = 0.0
     chance: Chance = CERTAIN
-    evidence: Found | None = None
     residuals: FitResiduals | None = None
     searched: Searched | None = None
 
@@ -162,21 +161,6 @@ class Fit:
         whole = self.residuals.step.information - self.residuals.prior_information + information
         residuals = self.residuals._replace(prior_information=information)
         return replace(self, covariance=inverse6(whole), residuals=residuals)
-
-    @cached_property
-    def chance_by_lines(self) -> Chance:
-        """`chance`, of which each straight line of the image counts once, however many edges are found at it."""
-        if self.evidence is None or self.searched is None:
-            return self.chance
-        points, lens = self.searched.problem.points, self.searched.problem.view.lens
-        seen = self.cam_from_world.transform(points.points)
-        rays = seen / np.linalg.norm(seen, axis=1, keepdims=True)
-        apart_rad = 2.0 * self.evidence.width_px / float(lens[0])  # two edges, each within the cutoff of one line
-        return chance_of_lines(self.evidence, points.first, rays, apart_rad)
-
-    def log10_false_alarms_of_lines(self, poses: int) -> float:
-        """As `log10_false_alarms`, if each straight line of the image is found but once."""
-        return max(self.chance.whole, self.chance_by_lines.whole) + math.log10(poses)
 
     def log10_false_alarms(self, poses: int) -> float:
         """Decimal logarithm of how many of so many random poses are expected to find as much."""

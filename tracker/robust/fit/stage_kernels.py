@@ -26,8 +26,8 @@ from uavbench.tracker.robust.edges.weight_kernels import (
     support,
     weights_in_view,
 )
-from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance
-from uavbench.tracker.robust.fit.kernel_config import KERNEL_CONFIG, KernelConfig
+from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance, lines_of_edges
+from uavbench.tracker.robust.fit.kernel_config import KERNEL_CONFIG, WIDTHS, KernelConfig, Widths
 from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
 from uavbench.tracker.robust.solver.bias_kernels import prior_offsets
 from uavbench.tracker.robust.solver.bias_state import BIASES_IN_VIEW, BiasesInView, EdgeOffsets
@@ -199,27 +199,73 @@ def locate(image: Image, fitted: Fitted, view: View, optics: Optics, model: Edge
 
 
 @compiled(
-    "measured f1 weightings f1! f2 values", measured=EDGE_MEASUREMENTS, weightings=WEIGHTINGS, values=KERNEL_CONFIG
+    "measured f1 weightings f1! view f2 values",
+    measured=EDGE_MEASUREMENTS,
+    weightings=WEIGHTINGS,
+    view=VIEW,
+    values=KERNEL_CONFIG,
 )
 def judge(
     measured: EdgeMeasurements,
     counts: Array,
     weightings: Weightings,
     correlation: Array,
+    view: View,
     appearance: Array,
     values: KernelConfig,
 ) -> Judged:
-    """What the matches of a search support, and the last fit finds. Arguments as of `support`."""
+    """What the matches of a search support, and the last fit finds.
+
+    view: at the fit to the matches; other arguments as of `support`.
+    """
     matched, last, distance = weightings.matched, weightings.last, measured.candidates.distance
-    weak_step, widths, candidates, inliers = values.appearance.weak_step_grey, values.widths, 0, 0
+    weak_step, inliers = values.appearance.weak_step_grey, 0
     share = support(measured, counts, matched.weight, matched.patch_weight, correlation, appearance, weak_step)
+    candidates = np.zeros(len(distance), np.int64)
     for p in range(distance.shape[0]):
         for k in range(distance.shape[1]):
-            candidates += int(distance[p, k] < np.inf)
+            candidates[p] += int(distance[p, k] < np.inf)
     for p in range(len(last.weight)):
         inliers += int(last.weight[p] != 0.0)
     for p in range(len(last.patch_weight)):
         inliers += int(last.patch_weight[p] != 0.0)
-    rows, last_px, half_px = measured.points.rows, widths.last_px, widths.fine_half_px
-    found = Found(rows, distance, last.weight, last.patch_weight, correlation, last_px, half_px)
-    return Judged(share.whole, share.edges, candidates, inliers, chance(found))
+    by_chance = chance_of_matches(measured, candidates, matched, correlation, view, values.widths)
+    return Judged(share.whole, share.edges, int(candidates.sum()), inliers, by_chance)
+
+
+@compiled(
+    "measured i1! weighting f1! view widths",
+    inner=True,
+    measured=EDGE_MEASUREMENTS,
+    weighting=WEIGHTING,
+    view=VIEW,
+    widths=WIDTHS,
+)
+def chance_of_matches(
+    measured: EdgeMeasurements,
+    candidates: Indices,
+    matched: Weighting,
+    correlation: Array,
+    view: View,
+    widths: Widths,
+) -> Chance:
+    """How likely chance is to match as much as a search did; candidates (n,) on each search line.
+
+    No point is expected nearer to its edge than the largest residual that is not doubted.
+    """
+    points, variance_px2 = measured.points, np.empty(len(candidates))
+    for p in range(len(variance_px2)):
+        variance_px2[p] = max(measured.variance_px2[p], widths.trusted_px**2)
+    found = Found(
+        points.rows,
+        points.first,
+        candidates,
+        matched.residual,
+        variance_px2,
+        matched.patch_weight,
+        correlation,
+        widths.fine_half_px,
+        widths.last_px,
+    )
+    apart_rad = 2.0 * widths.last_px / view.lens[0]  # two edges, each within the cutoff of one line
+    return chance(found, lines_of_edges(view.R, view.t, points.points, points.first, apart_rad))

@@ -9,6 +9,7 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
@@ -37,7 +38,7 @@ class Doubts:
     def begin(self, fit: Fit) -> None:
         """Doubt the pose of a fit by which nothing was learned yet."""
         self.in_vain = self.without_room = 0
-        self.judged, self.by_chance = 1, self.is_by_chance(fit, 1)
+        self.judged, self.by_chance = 1, is_by_chance(fit, 1)
 
     def end(self) -> None:
         """Doubt no pose."""
@@ -52,10 +53,6 @@ class Doubts:
     def surrounded(self) -> bool:
         """Whether enough poses were tried around the present one."""
         return self.in_vain >= ENOUGH or self.without_room >= MOST_FRAMES
-
-    def is_by_chance(self, fit: Fit, frames: int) -> bool:
-        """Whether chance may explain the best of as many frames."""
-        return fit.log10_false_alarms(frames) >= self.config.loss.log10_false_alarms
 
     def anew(self, image: Image, fit: Fit, range_m: float) -> Fit:
         """A fit at the pose of a given one, without memory."""
@@ -80,9 +77,9 @@ class Doubts:
         if base.focus is None:
             return None
         self.judged += 1
-        self.by_chance &= self.is_by_chance(base, self.judged)
+        self.by_chance &= is_by_chance(base, self.judged)
         best = self.best_around(image, base, range_m)
-        if self.is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
+        if is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
             return None
         self.begin(best)
         return best
@@ -105,3 +102,8 @@ class Doubts:
                 self.in_vain = 0
             best = max(best, found, key=lambda each: each.support)
         return best
+
+
+def is_by_chance(fit: Fit, frames: int) -> bool:
+    """Whether chance may explain the best of as many frames, at one of the poses that a search looks at."""
+    return fit.log10_false_alarms(frames * SEARCHED_POSES) >= SURE

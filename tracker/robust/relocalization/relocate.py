@@ -205,15 +205,11 @@ class Relocator:
         Poses at which the structure looks alike are not among them: both find edges of it, whatever chance does.
         """
         top, least = ranking.top, self.fitter.config.initialization.min_support
-        if top.searched is None:
-            return []
-        most = self.fitter.judge.log10_chance(top.searched)
         return [
             fit
             for fit in ranking.fits
-            if fit.searched is not None
-            and fit.support >= least
-            and self.fitter.judge.log10_chance(fit.searched) < most
+            if fit.support >= least
+            and fit.chance.whole < top.chance.whole
             and not ends_at(fit, top, self.config.found_sigma, ranking.range_m)
             and not self.rivals.look_alike(top, fit, ranking.range_m)
         ]

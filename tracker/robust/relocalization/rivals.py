@@ -16,7 +16,7 @@ from uavbench.tracker.robust.fit.pose_fit import Fit, Searched
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
-from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Ranking, Sought
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Ranking, Sought
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
@@ -151,7 +151,8 @@ class Rivals:
     def of(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
         """Untried poses at which the structure looks as at the best fit, most likely first."""
         fit = ranking.top
-        unlikely = fit.log10_false_alarms(SEARCHED_POSES) >= 0.0 if sought.thorough else fit.support < self.min_support
+        by_chance = fit.log10_false_alarms(SEARCHED_POSES) >= -SURE
+        unlikely = by_chance if sought.thorough else fit.support < self.min_support
         if not fit.finite or unlikely:
             return []
         if self.found_of is not fit:
