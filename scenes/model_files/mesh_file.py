@@ -21,6 +21,7 @@ from uavbench.scenes.model_files.mesh_checks import check, check_file, check_tex
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap
+from uavbench.scenes.model_files.obj.plain_lines import with_plain_lines
 from uavbench.scenes.model_files.polygons.off import as_obj
 from uavbench.scenes.model_files.polygons.ply import triangles_of
 from uavbench.scenes.model_files.referenced_files import parts_of
@@ -117,6 +118,7 @@ def read(path: Path) -> list[Loaded]:
                         f"supported: {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
     data = read_bytes(path, MODEL)
     data = data.removeprefix(BOM_UTF8) if kind in (".obj", ".off") else data  # the first line would be unknown
+    data = with_plain_lines(path, data) if kind == ".obj" else data
     check_file(path, data)
     if kind == ".off":
         kind, data = ".obj", as_obj(path, data)

@@ -295,7 +295,7 @@ def test_an_obj_of_too_many_materials_is_told(tmp_path: Path) -> None:
     path.write_text(corners + "".join(f"o part{k}\nusemtl paint{k}\nf 1 2 3\n" for k in range(30_000)))
     with pytest.raises(UserError, match=r"a\.obj: 30,000 materials are more than the 2,000"):
         built(path)
-    path.write_text(corners + "".join(f"use\\\nmtl {k}\nf 1 2 3\n" for k in range(2_001)))
+    path.write_text(corners + "".join(f"usemtl\\\npaint{k}\nf 1 2 3\n" for k in range(2_001)))
     with pytest.raises(UserError, match="2,001 materials"):
         built(path)
     path.write_text(corners + "".join(f"o part{k}\nusemtl paint{k % 2}\nf 1 2 3\n" for k in range(30_000)))
