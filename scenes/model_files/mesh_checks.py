@@ -39,6 +39,9 @@ UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_text
 STL_HEADER_BYTES, STL_TRIANGLE_BYTES = 84, 50
 """Bytes of a binary STL file before its triangles, the last four of which count them, and of each (3D Systems 1989)."""
 
+STL_LAST_BYTES = 4096
+"""Bytes at the end of an STL file of text that hold its last line, `endsolid` and a name."""
+
 
 def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: bool) -> None:
     """Validate a mesh of vertices (n, 3) in metres and triangles (m, 3).
@@ -117,15 +120,20 @@ def check_file(path: Path, data: bytes) -> None:
 
 
 def _check_stl(path: Path, data: bytes) -> None:
-    """UserError for a binary STL file that ends before the triangles that its header counts; text has no such count."""
+    """UserError for a binary STL file of other triangles than its header counts, and for text without its end."""
     header = data[:STL_HEADER_BYTES]
     if b"\0" not in header:
+        last = data.rstrip()[-STL_LAST_BYTES:].splitlines()[-1].lower() if data.strip() else b""
+        if header.lstrip()[:5].lower() == b"solid" and not last.lstrip().startswith(b"endsolid"):
+            raise UserError(
+                f"{path}: is truncated: it does not end with endsolid; copy it again, or export the model again"
+            )
         return
     held = max(len(data) - STL_HEADER_BYTES, 0) // STL_TRIANGLE_BYTES
-    if (told := int.from_bytes(header[80:84], "little")) > held:
+    if (told := int.from_bytes(header[80:84], "little")) != held:
         raise UserError(
-            f"{path}: is truncated: its header counts {told:,} triangles, and it holds {held:,}; copy it again, or "
-            "export the model again"
+            f"{path}: {'is truncated' if told > held else 'is not as it was written'}: its header counts {told:,} "
+            f"triangles, and it holds {held:,}; copy it again, or export the model again"
         )
 
 

@@ -24,6 +24,7 @@ from uavbench.scenes.model_files.obj.materials import TextureMap
 from uavbench.scenes.model_files.obj.plain_lines import with_plain_lines
 from uavbench.scenes.model_files.polygons.off import as_obj
 from uavbench.scenes.model_files.polygons.ply import triangles_of
+from uavbench.scenes.model_files.polygons.ply_elements import with_plain_elements
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.primitives.solids import Solid, covered
 from uavbench.scenes.renderables import BuiltStructure, Part
@@ -123,6 +124,7 @@ def read(path: Path) -> list[Loaded]:
     if kind == ".off":
         kind, data = ".obj", as_obj(path, data)
     data = with_triangles(path, data) if kind == ".obj" else data
+    data = with_plain_elements(path, data) if kind == ".ply" else data
     import trimesh
 
     from uavbench.scenes.model_files.model_folder import ModelFolder
@@ -135,7 +137,7 @@ def read(path: Path) -> list[Loaded]:
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
     except Exception as error:
-        raise UserError(f"{path}: not a readable {kind[1:]} file: {error}") from None
+        raise UserError(f"{path}: not a readable {kind[1:]} file: {error}; export it again, as triangles") from None
     if beside.refused:
         raise UserError(f"{path}: {beside.refused[0]}")
     pieces: list[Loaded] = []
