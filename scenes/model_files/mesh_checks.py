@@ -11,7 +11,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from uavbench.scenes.model_files.face_limits import MOST_TRIANGLES, check_count
-from uavbench.scenes.model_files.gltf_images import GLB_JSON, check_embedded
+from uavbench.scenes.model_files.gltf.features import check_features
+from uavbench.scenes.model_files.gltf.images import GLB_JSON, check_embedded
 from uavbench.scenes.model_files.model_folder import read_library, textures_of
 from uavbench.scenes.model_files.obj.materials import LIBRARY, libraries, texture_lines
 from uavbench.scenes.model_files.referenced_files import is_beside, is_there
@@ -117,6 +118,7 @@ def check_file(path: Path, data: bytes) -> None:
             raise UserError(f"{path}: refers to {name}, which is missing; put it next to the model or export it again")
     with _told_as_unreadable(path):
         check_embedded(path, data, scene)
+        check_features(path, scene)
 
 
 def _check_stl(path: Path, data: bytes) -> None:

@@ -1,0 +1,82 @@
+"""What a glTF file uses and its reader leaves out without a word, so that a model would have another shape or look."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from uavbench.trajectories.errors import UserError
+
+SUPPORTED = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp", "KHR_lights_punctual")
+"""Extensions that a file may require: read, of no effect on surfaces, or checked where they are used."""
+LOOKS = "KHR_materials_"
+"""Beginning of the names of extensions for gloss, transmission and the like, none of which is drawn."""
+FAN = 6
+"""Primitive mode of triangle fans (glTF 2.0, 3.7.2.1)."""
+
+
+class Feature(NamedTuple):
+    """What a file uses, and what its author may do instead."""
+
+    used: str
+    instead: str
+
+
+def check_features(path: Path, scene: dict[str, Any]) -> None:
+    """UserError for the first feature of a glTF header that is not supported, with what to export in place of it.
+
+    LookupError, TypeError, AttributeError or ValueError for a header that is not as glTF has it.
+    """
+    for feature in (*_of_the_file(scene), *_of_nodes(scene), *_of_primitives(scene), *_of_textures(scene)):
+        raise UserError(f"{path}: {feature.used}: not supported; {feature.instead}")
+
+
+def _of_the_file(scene: dict[str, Any]) -> Iterator[Feature]:
+    for name in scene.get("extensionsRequired", []):
+        if name not in SUPPORTED and not name.startswith(LOOKS):
+            yield Feature(f"requires the extension {name}", "export it without")
+
+
+def _of_nodes(scene: dict[str, Any]) -> Iterator[Feature]:
+    meshes = scene.get("meshes", [])
+    for number, node in enumerate(scene.get("nodes", [])):
+        if "mesh" not in node:
+            continue
+        place = f"its node {node.get('name', number)}"
+        if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
+            yield Feature(f"{place} has instances (EXT_mesh_gpu_instancing)", "export each of them as a node")
+        if "skin" in node:
+            yield Feature(f"{place} has a skeleton", "apply its pose to the mesh, and export it again")
+        if any(node.get("weights", meshes[node["mesh"]].get("weights", []))):
+            yield Feature(f"{place} has morph targets with weights", "apply them to the mesh, and export it again")
+
+
+def _of_primitives(scene: dict[str, Any]) -> Iterator[Feature]:
+    accessors = scene.get("accessors", [])
+    for number, mesh in enumerate(scene.get("meshes", [])):
+        place = f"its mesh {mesh.get('name', number)}"
+        for primitive in mesh["primitives"]:
+            attributes = primitive["attributes"]
+            if primitive.get("mode") == FAN:
+                yield Feature(f"{place} has triangle fans", "export triangles")
+            read = [attributes[key] for key in ("POSITION", "TEXCOORD_0") if key in attributes]
+            if any(accessors[index].get("normalized") for index in read):
+                yield Feature(f"{place} has normalized integers as coordinates", "export it without quantization")
+            if any("sparse" in accessors[index] for index in (*read, *_indices(primitive))):
+                yield Feature(f"{place} has sparse accessors", "export it without them")
+
+
+def _indices(primitive: dict[str, Any]) -> list[int]:
+    return [primitive["indices"]] if "indices" in primitive else []
+
+
+def _of_textures(scene: dict[str, Any]) -> Iterator[Feature]:
+    for number, material in enumerate(scene.get("materials", [])):
+        place = f"its material {material.get('name', number)}"
+        texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+        moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
+        if any(
+            moved.get(key, plain) != plain for key, plain in (("offset", [0, 0]), ("scale", [1, 1]), ("rotation", 0))
+        ):
+            yield Feature(f"{place} moves its texture (KHR_texture_transform)", "apply it to the texture coordinates")
+        if moved.get("texCoord", texture.get("texCoord", 0)):
+            yield Feature(f"{place} has its texture in a second set of texture coordinates", "make them the first")
