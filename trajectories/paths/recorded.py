@@ -9,6 +9,7 @@ import numpy as np
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.recorded_file import check_order_is_known, check_stamps, check_upright
 from uavbench.trajectories.paths.reference import Replay
 from uavbench.trajectories.paths.timing import check_flight_time
 from uavbench.trajectories.pose import Array, Pose, quaternion_from_rotation
@@ -29,7 +30,8 @@ class Recorded:
 
     Between the recorded poses the motion is a cubic spline of position and of rotation (twice continuously
     differentiable, so inertial measurements have no steps). `frame` tells whether the file has poses of the vehicle's
-    body or of the camera. Stamps are relative to the first one of the file.
+    body or of the camera. Stamps are relative to the first one of the file. A body that is upside down, or
+    upright only with the quaternions in the other order, and stamps less than 0.1 ms apart are refused.
     """
 
     file: str = "trajectory.tum"
@@ -38,16 +40,17 @@ class Recorded:
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Replay:
         """The recorded motion at every step; UserError naming the file when it has too few poses or a long gap."""
-        given, _ = read_trajectory(Path(self.file), self.format)
-        said, meant = (
-            declared_frame(Path(self.file)),
-            {"body": "world_from_body", "camera": "world_from_cam"}[self.frame],
-        )
+        file = Path(self.file)
+        given, format = read_trajectory(file, self.format)
+        if self.format is None and format == "euroc":
+            check_order_is_known(file)
+        said, meant = declared_frame(file), FRAMES[self.frame]
         if said in ("world_from_body", "world_from_cam") and said != meant:
             raise UserError(f"{self.file}: declares {said}, but frame = {self.frame!r} needs {meant}")
         gaps = np.diff(given.stamps_ns)
         if len(given) < 4:
             raise UserError(f"{self.file}: needs at least four poses, has {len(given)}")
+        check_stamps(file, format, given)
         if gaps.max() > LONGEST_GAP_S * 1e9:
             row = int(np.argmax(gaps))
             raise UserError(
@@ -55,7 +58,9 @@ class Recorded:
                 "interpolated"
             )
         check_flight_time(float(given.stamps_ns[-1] - given.stamps_ns[0]) / 1e9)
-        return Replay(resampled(self._of_body(given, mount)))
+        body = self._of_body(given, mount)
+        check_upright(file, self.frame, body)
+        return Replay(resampled(body))
 
     def _of_body(self, given: Trajectory, mount: Mount) -> Trajectory:
         if self.frame == "body":

@@ -32,6 +32,11 @@ def check_named_columns(path: Path, comments: str, format: str) -> None:
             )
 
 
+def names_all_columns(comments: str) -> bool:
+    """Whether a comment names all columns of a pose."""
+    return any(sorted(_components(line)) == sorted(ORDERS["tum"]) for line in comments.splitlines())
+
+
 def _components(line: str) -> list[str]:
     """Names of the components in a line: x y z of the position, qw qx qy qz of the quaternion."""
     found = []
