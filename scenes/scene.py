@@ -10,6 +10,7 @@ import numpy as np
 
 from uavbench.scenes.clutter.registry import CLUTTER, ON_GROUND
 from uavbench.scenes.materials.grain import grained
+from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
 from uavbench.scenes.renderables import (
     BuiltClutter,
@@ -93,7 +94,7 @@ def _confines(spec: SequenceSpec, built: BuiltStructure) -> Confines:
     if type(environment) in ENVIRONMENTS.values():
         found: Confines = environment.confines(built, rng, streams)
         return found
-    own: BuiltEnvironment = environment.build(built.structure.bounds, rng)
+    own = own_environment(environment, environment.build(built.structure.bounds, rng))
     return Confines(None if own.site is None else own.site(built, streams), own.room)
 
 
@@ -103,7 +104,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
     bounds = built.structure.bounds
     parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
     built = replace(built, parts=parts, deviation=record)
-    environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
+    environment = _environment(spec, bounds)
     plainly = not environment.textures
     if plainly:
         built = replace(built, parts=tuple(map(plain, built.parts)))
@@ -144,6 +145,12 @@ def build_scene(spec: SequenceSpec) -> Scene:
     )
 
 
+def _environment(spec: SequenceSpec, bounds: Array) -> BuiltEnvironment:
+    """What the environment of a spec builds around a structure of bounds (2, 3) in metres."""
+    built = spec.environment.build(bounds.copy(), stream(spec.seed, "environment"))
+    return built if type(spec.environment) in ENVIRONMENTS.values() else own_environment(spec.environment, built)
+
+
 def _unpainted(spec: SequenceSpec) -> BuiltStructure:
     """The structure of a spec as designed, for its geometry only; a user's code is called as for `_built`."""
     if type(spec.structure) in STRUCTURES.values():
@@ -156,7 +163,9 @@ def _unpainted(spec: SequenceSpec) -> BuiltStructure:
 def _built(spec: SequenceSpec) -> BuiltStructure:
     """The structure of a spec as designed; one that depends on a file or on a user's code is built on every call."""
     structure = spec.structure
-    if type(structure) not in STRUCTURES.values() or hasattr(structure, "entering_files"):
+    if type(structure) not in STRUCTURES.values():
+        return own_structure(structure, structure.build(stream(spec.seed, "structure")))
+    if hasattr(structure, "entering_files"):
         return structure.build(stream(spec.seed, "structure"))
     hashable: Any = structure  # as a frozen dataclass of numbers is
     return _of_parameters(hashable, spec.seed)
@@ -171,7 +180,9 @@ def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
 
 def _placed(spec: SequenceSpec, number: int, bounds: Array, site: BuiltSite | None) -> BuiltClutter:
     """Clutter of a number around the structure, on free ground of the site if there is one; UserError naming it."""
-    return _on_free_ground(spec, number, site, partial(spec.clutter[number].build, bounds))
+    clutter = spec.clutter[number]
+    built = _on_free_ground(spec, number, site, partial(clutter.build, bounds.copy()))
+    return built if type(clutter) in CLUTTER.values() else own_clutter(clutter, built)
 
 
 def _on_free_ground(spec: SequenceSpec, number: int, site: BuiltSite | None, build: Callable[..., Placed]) -> Placed:

@@ -1,0 +1,113 @@
+"""Structures, environments and clutter of users: what would be drawn wrong, or not as trackers get it, is told."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure
+from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure, Mover
+from uavbench.scenes.structure import Structure
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.structures.building import Building
+from uavbench.scenes.structures.truss import Truss
+from uavbench.scenes.world.indoor import Indoor
+from uavbench.scenes.world.outdoor import Outdoor
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
+
+BOX = Box().build(np.random.default_rng(0))
+ROOM = Indoor().build(BOX.structure.bounds, np.random.default_rng(0))
+TREE = replace(BOX.parts[0], instance=7, name="tree")
+
+
+@dataclass(frozen=True)
+class Own:
+    """A plug-in of a user."""
+
+
+def with_parts(**changes: Callable[[Any], Any]) -> BuiltStructure:
+    return replace(
+        BOX, parts=tuple(replace(part, **{key: of(part) for key, of in changes.items()}) for part in BOX.parts)
+    )
+
+
+def with_structure(vertices: np.ndarray, triangles: np.ndarray) -> BuiltStructure:
+    return replace(BOX, structure=Structure.from_mesh(vertices, triangles))
+
+
+@pytest.mark.parametrize("kind", [Box, Building, Truss])
+def test_a_structure_whose_edges_are_drawn_is_taken_as_it_is(kind: Any) -> None:
+    built = kind().build(np.random.default_rng(3))
+    found = own_structure(Own(), replace(built, parts=iter(built.parts)))
+    assert found.parts == built.parts and found.structure is built.structure
+
+
+@pytest.mark.parametrize(("built", "told"), [
+    (None, "build gives a NoneType; it takes a BuiltStructure"),
+    ((BOX.structure, BOX.parts), "build gives a tuple; it takes a BuiltStructure"),
+    (with_parts(vertices=lambda p: p.vertices * 1000), "of the edges .* lie more than 0.02 m beside the parts"),
+    (with_parts(vertices=lambda p: p.vertices + 0.3 * np.eye(3)[0]), "that trackers get lie more than 0.02 m bes"),
+    (with_parts(vertices=lambda p: p.vertices * [1, 1, 0.5]), "give both in metres and in the same frame"),
+    (with_structure(BOX.structure.vertices * 1000, BOX.structure.triangles), "100% of the edges that trackers get"),
+    (with_structure(BOX.structure.vertices, BOX.structure.triangles[:, ::-1]), "its Structure is inside out; list the"),
+    (with_parts(instance=lambda _: 0), "none of its parts has instance = 1"),
+    (replace(BOX, parts=()), "none of its parts has instance = 1"),
+    (with_parts(texture=lambda p: p.texture / 255), r"parts.0.: its texture is float64 .*; it takes uint8 .h, w, 3 or"),
+    (with_parts(vertices=lambda p: p.vertices * np.nan), "its vertices are .*; they take finite numbers"),
+    (with_parts(uv=lambda p: p.uv[:-1]), "its uv are .*; they take finite numbers .*, one row a vertex"),
+    (with_parts(triangles=lambda p: p.triangles + 1), "its triangles are .*; they take integers from 0 to"),
+    (with_parts(triangles=lambda p: p.triangles.astype(float)), "its triangles are float64 .*; they take integers"),
+])  # fmt: skip
+def test_a_structure_that_is_not_drawn_as_trackers_get_it_is_told(built: Any, told: str) -> None:
+    with pytest.raises(UserError, match=rf"structure .*test_own_scene:Own: .*{told}"):
+        own_structure(Own(), built)
+
+
+def noise(_: float) -> Pose:
+    return Pose(np.eye(3), np.random.default_rng().normal(size=3))
+
+
+@pytest.mark.parametrize(("built", "told"), [
+    ((TREE,), "build gives a tuple; it takes a BuiltClutter"),
+    (BuiltClutter((replace(TREE, instance=1),)), r"parts.0.: instance = 1 is the structure's; clutter has 2 to 255"),
+    (BuiltClutter((replace(TREE, instance=300),)), r"parts.0. .tree.: instance = 300: must be a whole"),
+    (BuiltClutter((replace(TREE, instance=-1),)), "instance = -1: must be a whole number"),
+    (BuiltClutter((replace(TREE, instance=2.7),)), "instance = 2.7: must be a whole number"),  # type: ignore[arg-type]
+    (BuiltClutter((), (Mover(replace(TREE, instance=1), lambda t: Pose.identity()),)), "movers: parts.0.: instance"),
+    (BuiltClutter((), (Mover(TREE, lambda t: np.eye(4)),)), "gives a float64 .4, 4.; it takes a Pose"),  # type: ignore
+    (BuiltClutter((), (Mover(TREE, noise),)), "movers.0.: world_from_part gives two poses for one time; draw random"),
+])  # fmt: skip
+def test_clutter_that_would_count_as_something_else_is_told(built: Any, told: str) -> None:
+    with pytest.raises(UserError, match=rf"clutter .*:Own: .*{told}"):
+        own_clutter(Own(), built)
+
+
+def test_clutter_may_come_as_a_generator() -> None:
+    """Its parts are drawn, and then traced for ranges and annotations."""
+    found = own_clutter(Own(), BuiltClutter(part for part in (TREE, TREE)))  # type: ignore[arg-type]
+    assert found.parts == (TREE, TREE)
+
+
+def with_light(**keys: Any) -> BuiltEnvironment:
+    return replace(ROOM, light=replace(ROOM.light, **keys))
+
+
+@pytest.mark.parametrize(("built", "told"), [
+    (None, "build gives a NoneType; it takes a BuiltEnvironment"),
+    (with_light(above=(255.0, 255.0, 255.0)), "light.above = .*: must be three numbers of linear light from 0 to 100"),
+    (with_light(lamp=(float("nan"), 1.0, 1.0)), "light.lamp = .*: must be three numbers of linear light"),
+    (with_light(to_lamp=(0.0, 0.0, 0.0)), "light.to_lamp = .*: must be a direction"),
+    (replace(ROOM, sky=np.ones((8, 16, 3))), "its sky is float64 .8, 16, 3.; it takes uint8 .h, 2h, 3."),  # type: ignore
+])  # fmt: skip
+def test_light_that_leaves_images_black_or_white_is_told(built: Any, told: str) -> None:
+    with pytest.raises(UserError, match=rf"environment .*:Own: .*{told}"):
+        own_environment(Own(), built)
+
+
+@pytest.mark.parametrize("kind", [Indoor, Outdoor])
+def test_an_environment_that_can_be_drawn_is_taken_as_it_is(kind: Any) -> None:
+    built = kind().build(BOX.structure.bounds, np.random.default_rng(0))
+    assert own_environment(Own(), built).parts == built.parts
