@@ -12,6 +12,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.own_path import plan
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.paths.reference import Guidance, Planned, Replay
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
@@ -55,7 +56,7 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
     """
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     with _told_with_path(spec):
-        guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
+        guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
         record = _record(spec, guidance, vehicle, obstacles, seed)
         return _checked(record, spec, mount, obstacles, vehicle, replayed=isinstance(guidance, Replay))
 
@@ -109,7 +110,7 @@ def begin(
     guide: wraps the guidance of the path. UserError for a path without clearance or beyond the available thrust, and
     for a recorded motion.
     """
-    guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
+    guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
     if isinstance(guidance, Replay):
         raise UserError(f"path {path_name(spec.path)}: a recorded motion cannot be flown; choose a planned path")
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))

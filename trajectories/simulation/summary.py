@@ -9,6 +9,7 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.own_path import plan
 from uavbench.trajectories.paths.reference import Planned, Replay
 from uavbench.trajectories.paths.timing import requested_speed
 from uavbench.trajectories.pose import Array
@@ -57,7 +58,7 @@ class FlightSummary:
 
 def planned_summary(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> FlightSummary:
     """Summary of a flight before it is flown; UserError when its path cannot be planned."""
-    guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
+    guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
     steps = len(guidance.record) if isinstance(guidance, Replay) else guidance.steps
     speeds = exact.length(guidance.table[:, 3:6]) if isinstance(guidance, Planned) else None
     return FlightSummary(

@@ -1,0 +1,75 @@
+"""Paths of users: a plan that no vehicle can follow, or a record that is no one motion, is told by name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.trajectories.scene import BOX
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.recorded import resampled
+from uavbench.trajectories.paths.reference import Planned, Replay, planned
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.simulation.summary import planned_summary
+from uavbench.trajectories.trajectory import Trajectory
+
+T = np.arange(0.0, 1.001, 0.05)
+ROLL, YAW = 0.5 * np.sin(3 * T), np.pi + 0.3 * np.sin(T)
+TURNS = np.column_stack([np.cos(YAW / 2) * np.cos(ROLL / 2), np.cos(YAW / 2) * np.sin(ROLL / 2),
+                         np.sin(YAW / 2) * np.sin(ROLL / 2), np.sin(YAW / 2) * np.cos(ROLL / 2)])  # fmt: skip
+FLOWN = Trajectory((T * 1e9).astype(np.int64), np.column_stack([2 + 0 * T, 0.5 * np.sin(2 * T), 1 + 0 * T]), TURNS)
+RECORDED = resampled(FLOWN)
+PLAN = planned(RECORDED[:, :3], np.full(len(RECORDED), np.pi))
+
+
+@dataclass(frozen=True)
+class Own:
+    """A path that plans what it was given."""
+
+    found: Any
+
+    def plan(self, obstacles: Any, mount: Any, rng: np.random.Generator) -> Any:
+        return self.found
+
+
+def changed(table: Array, columns: Any, change: Callable[[Array], Any]) -> Array:
+    out = table.copy()
+    out[:, columns] = change(out[:, columns])
+    return out
+
+
+def test_one_motion_is_flown_as_it_is() -> None:
+    flight = fly(FlightSpec(path=Own(Replay(RECORDED))), Mount(), BOX, 0)
+    np.testing.assert_array_equal(flight.positions_m, RECORDED[:, :3])
+    assert planned_summary(FlightSpec(path=Own(PLAN)), Mount(), BOX, 0).duration_s == pytest.approx(1.0)
+
+
+ZERO = np.zeros_like
+
+
+@pytest.mark.parametrize(("found", "told"), [
+    (None, "plan gives a NoneType; it takes a Planned, a Replay, or an object with"),
+    (RECORDED, "plan gives a ndarray; it takes a Planned"),
+    (iter([(1, 2)]), "plan gives a .*iterator; it takes a Planned"),
+    (Planned(RECORDED[:, :3]), r"the table of Planned is .501, 3.; it takes .n, 17., n at least 2"),
+    (Planned(PLAN.table[:1]), r"the table of Planned is .1, 17.; it takes"),
+    (Planned(changed(PLAN.table, 9, lambda yaw: np.where(yaw > 0, np.nan, yaw))), "Planned is not finite at row 0"),
+    (Planned(changed(PLAN.table, 9, np.degrees)), "its yaw reaches 180 rad; a plan has radians"),
+    (Replay(RECORDED[:, :13]), r"the record of Replay is .501, 13.; it takes .n, 30."),
+    (Replay(changed(RECORDED, RECORD["positions_m"], lambda p: p * np.nan)), "Replay is not finite at row 0, 0.000 s"),
+    (Replay(changed(RECORDED, RECORD["quaternions_wxyz"], lambda q: 2 * q)), "the quaternion of row 0, .* unit norm"),
+    (Replay(changed(RECORDED, RECORD["velocities_m_s"], ZERO)), "velocities_m_s of its record are not the derivatives"),
+    (Replay(changed(RECORDED, RECORD["positions_m"], lambda p: p * 1000)), "derivatives of its positions"),
+    (Replay(changed(RECORDED, RECORD["accelerations_m_s2"], ZERO)), "accelerations_m_s2 of its record are not the der"),
+    (Replay(changed(RECORDED, RECORD["angular_velocities_rad_s"], ZERO)), "angular_velocities_rad_s of its record are"),
+    (Replay(changed(RECORDED, RECORD["angular_velocities_rad_s"], np.degrees)), "derivatives of its quaternions"),
+])  # fmt: skip
+def test_what_is_no_motion_is_told_with_the_name_of_the_path(found: Any, told: str) -> None:
+    for begin in (fly, planned_summary):
+        with pytest.raises(UserError, match=told):
+            begin(FlightSpec(path=Own(found)), Mount(), BOX, 0)

@@ -1,0 +1,92 @@
+"""Checks of what users' paths plan: a vehicle that follows it, or a replayed record that is one motion."""
+
+from typing import Any
+
+import numpy as np
+
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.reference import Guidance, Planned, Replay
+from uavbench.trajectories.paths.registry import PATHS, PathSpec
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.record_columns import RECORD, RECORD_COLUMNS
+from uavbench.trajectories.vehicle.geometric_control import REFERENCE_COLUMNS
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
+
+MOST_YAW_RAD = 100.0
+"""Largest yaw of a plan in rad: 16 turns; a heading in degrees has more."""
+UNLIKE = 0.05
+"""Part of the speeds, or of the rates, by which derivatives of a record may differ from them (rms), and 1 cm/s."""
+FEWEST = 2
+
+
+def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
+    """What a path plans; UserError for a user's plan that is not finite, not in rad, or not one motion."""
+    found = path.plan(obstacles, mount, rng)
+    if type(path) not in PATHS.values():
+        _check(found)
+    return found
+
+
+def _check(found: Any) -> None:
+    if isinstance(found, Planned):
+        table = _table("table of Planned", found.table, REFERENCE_COLUMNS)
+        if np.abs(table[:, 9]).max() > MOST_YAW_RAD:
+            raise UserError(f"its yaw reaches {np.abs(table[:, 9]).max():.4g} rad; a plan has radians")
+    elif isinstance(found, Replay):
+        _check_motion(_table("record of Replay", found.record, RECORD_COLUMNS))
+    elif not all(hasattr(found, name) for name in ("warm_up", "steps", "rows")):
+        raise UserError(
+            f"plan gives a {type(found).__name__}; it takes a Planned, a Replay, or an object with warm_up, steps, rows"
+        )
+
+
+def _table(what: str, rows: Any, columns: int) -> Array:
+    if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != columns or len(rows) < FEWEST:
+        shape = rows.shape if isinstance(rows, np.ndarray) else type(rows).__name__
+        raise UserError(
+            f"the {what} is {shape}; it takes (n, {columns}), n at least {FEWEST}, {1 / STEP_S:g} rows a second"
+        )
+    if not np.isfinite(rows).all():
+        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        raise UserError(f"the {what} is not finite at row {row}, {row * STEP_S:.3f} s")
+    return np.asarray(rows)
+
+
+def _check_motion(record: Array) -> None:
+    """UserError for a record whose velocities, accelerations or rates are not those of its poses."""
+    q = record[:, RECORD["quaternions_wxyz"]]
+    off = np.abs(np.linalg.norm(q, axis=1) - 1)
+    if off.max() > 1e-3:
+        row = int(np.argmax(off))
+        raise UserError(f"the quaternion of row {row}, {row * STEP_S:.3f} s, is not of unit norm (1e-3)")
+    turn = _times(_conjugate(q[:-1]), q[1:])  # in the body's axes, as rates are
+    turned = 2 * turn[:, 1:] * np.sign(turn[:, :1]) / STEP_S
+    for name, of, derived in (
+        ("velocities_m_s", "positions", _differences(record[:, RECORD["positions_m"]])),
+        ("accelerations_m_s2", "velocities", _differences(record[:, RECORD["velocities_m_s"]])),
+        ("angular_velocities_rad_s", "quaternions", turned),
+    ):
+        given = record[:, RECORD[name]]
+        between = (given[1:] + given[:-1]) / 2
+        size, unlike = (float(np.sqrt(np.mean(np.sum(v**2, axis=1)))) for v in (derived, derived - between))
+        if unlike > UNLIKE * size + 0.01:
+            raise UserError(
+                f"{name} of its record are not the derivatives of its {of}: {unlike:.3g} off (rms), of {size:.3g}; "
+                "sensors and blur would contradict the poses"
+            )
+
+
+def _differences(values: Array) -> Array:
+    return np.asarray(np.diff(values, axis=0) / STEP_S)
+
+
+def _conjugate(q: Array) -> Array:
+    return q * [1.0, -1.0, -1.0, -1.0]
+
+
+def _times(a: Array, b: Array) -> Array:
+    """Products (n, 4) of quaternions wxyz (n, 4)."""
+    (w, v), (s, u) = ((q[:, :1], q[:, 1:]) for q in (a, b))
+    return np.hstack([w * s - np.sum(v * u, axis=1, keepdims=True), w * u + s * v + np.cross(v, u)])
