@@ -104,6 +104,11 @@ def checked(result: Any) -> TrackResult:
         stage_ms = {str(name): float(ms) for name, ms in result.stage_ms.items()}
     except (AttributeError, TypeError, ValueError):
         raise ResultError("[bad-result] stage_ms is not a mapping of names to milliseconds") from None
+    for name, ms in stage_ms.items():
+        if not 0 <= ms < math.inf:
+            raise ResultError(f"[bad-result] stage_ms of {name} is {ms}, not the milliseconds of a time")
+        if not name.isprintable():
+            raise ResultError(f"[bad-result] stage_ms names {name!r}; a name is one line of text")
     counts = {name: getattr(result, name) for name in COUNTS}
     for name, count in counts.items():
         if count is not None and not isinstance(count, Integral):

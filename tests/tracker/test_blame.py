@@ -110,6 +110,14 @@ def errors(tracker, sequence):
             "[bad-result] the covariance is not symmetric; is it a triangular factor of one? Then return L @ L.T",
         ),
         ("from dataclasses import replace; return replace(ok, stage_ms=3)", "[bad-result] stage_ms is not a mapping"),
+        (
+            "from dataclasses import replace; return replace(ok, stage_ms={'fit': float('nan')})",
+            "[bad-result] stage_ms of fit is nan, not the milliseconds of a time",
+        ),
+        (
+            "from dataclasses import replace; return replace(ok, stage_ms={'a': -1})",
+            "[bad-result] stage_ms of a is -1.0",
+        ),
         ("from dataclasses import replace; return replace(ok, inliers=2.5)", "[bad-result] inliers is float"),
     ],
 )
@@ -375,3 +383,11 @@ def test_no_tracker_can_change_the_structure_that_others_get():
         with contextlib.suppress(ValueError):
             getattr(structure, name)[:] = 0
         np.testing.assert_array_equal(getattr(structure, name), before)
+
+
+def test_the_measured_time_is_the_total_whatever_the_tracker_calls_so(mine, sequence):
+    tracker = mine(
+        "import time; time.sleep(0.02); return TrackResult(status='lost', stage_ms={'total': 0.02, 'fit': 1})"
+    )
+    rows = track_sequence(tracker, sequence, rate_hz=15.0, seed=0).rows
+    assert all(row.stage_ms["total"] >= 20.0 and row.stage_ms["fit"] == 1.0 for row in rows)
