@@ -28,6 +28,16 @@ WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
 """Most sides of the image, in focal lengths: 175 degrees of a pinhole, 360 degrees of an equidistant fisheye."""
 LEAST_ROUND_TRIP_PX = 0.5
 """Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
+CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".txt")
+"""Suffixes of the files of OpenCV, Kalibr, ROS, COLMAP and others."""
+OTHER_NAMES = {
+    **dict.fromkeys(("plumb_bob", "radial-tangential", "brown-conrady", "opencv"), "radtan"),
+    **dict.fromkeys(("fisheye", "opencv_fisheye", "kannala_brandt", "kb4", "equi"), "equidistant"),
+    **dict.fromkeys(("pinhole", "perspective"), "none"),
+}
+"""What ROS, EuRoC, OpenCV, COLMAP and others call a distortion model, in small letters, and its name here."""
+MOST_TANGENTIAL = 0.03
+"""Largest p1 and p2 of a lens: those of calibrations are below 0.01, and k3 in their place is often larger."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 RESPONSES = ("srgb", "linear", "unknown")
 """Responses that have a name: codes by IEC 61966-2-1, in proportion to light, and to be found by who uses them."""
@@ -79,8 +89,10 @@ class Camera:
             raise ValueError("fx and fy must be positive, and fx fy cx cy finite")
         counts = DISTORTION_COEFFICIENTS.get(str(self.distortion_model))
         if counts is None:
+            known = OTHER_NAMES.get(str(self.distortion_model).lower())
             raise ValueError(
                 f"distortion_model {self.distortion_model!r} is not one of {', '.join(DISTORTION_COEFFICIENTS)}"
+                + (f'; here it is "{known}"' if known else "; calibrate with one of them, as `uavbench calibrate` does")
             )
         numbers: Any = self.distortion
         if not isinstance(numbers, Iterable) or not all(isinstance(k, Real) for k in numbers):
@@ -157,6 +169,11 @@ class Camera:
     @classmethod
     def load(cls, path: Path, inside: Path | None = None) -> "Camera":
         """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key."""
+        if path.suffix.lower() in CALIBRATIONS:
+            raise UserError(
+                f"{path}: calibrations of other tools are not read; write a camera.toml of its width, height, fx, fy, "
+                "cx, cy, distortion_model and distortion"
+            )
         values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
         fields = list(cls.__dataclass_fields__)
         unknown = sorted(set(values) - set(fields))
@@ -186,8 +203,16 @@ def _implausible(camera: Camera) -> str:
                 f"{name} = {focal_px:g} px is too short for {side} px of any lens; it is in pixels, neither in mm "
                 "nor a share of the image's width"
             )
+    if 0 <= camera.cx <= 1 and 0 <= camera.cy <= 1 < min(camera.width, camera.height):
+        return f"cx = {camera.cx:g}, cy = {camera.cy:g} are shares of the image's size; give them in pixels"
     if camera.distortion_model != "radtan":
         return ""
+    if max(map(abs, camera.distortion[2:4])) > MOST_TANGENTIAL:
+        p1, p2 = camera.distortion[2:4]
+        return (
+            f"distortion = {list(camera.distortion)}: p1 = {p1:g} and p2 = {p2:g} are larger than those of any lens; "
+            "the order is k1, k2, p1, p2, k3"
+        )
     right, low = camera.width - 1.0, camera.height - 1.0
     border = np.array([(0.0, low / 2), (right, low / 2), (right / 2, 0.0), (right / 2, low)])
     with np.errstate(all="ignore"):

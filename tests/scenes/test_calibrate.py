@@ -86,6 +86,13 @@ def test_mixed_sizes_and_missing_files_are_told(tmp_path: Path) -> None:
         ("cy", "true", "cy = True: must be a number of pixels"),
         ("cx", "[3]", r"cx = \[3\]: must be a number of pixels"),
         ("distortion_model", "[1]", r"distortion_model \[1\] is not one of none"),
+        ("distortion_model", '"plumb_bob"', "distortion_model 'plumb_bob' is not one of .*; here it is \"radtan\""),
+        ("distortion_model", '"OPENCV_FISHEYE"', 'distortion_model .* here it is "equidistant"'),
+        (
+            "distortion_model",
+            '"rational_polynomial"',
+            "distortion_model .* is not one of .*; calibrate with one of them, as `uavbench calibr",
+        ),
         ("distortion", "5", "distortion = 5: must be a list of numbers"),
         ("distortion", '"12"', "distortion = '12': must be a list of numbers"),
         ("distortion", "[[0, 1, 2, 3]]", "distortion = .*: must be a list of numbers"),
@@ -103,6 +110,31 @@ def test_a_camera_file_names_the_key_that_is_no_number(tmp_path: Path, key: str,
     path.write_text("".join(f"{name} = {given}\n" for name, given in {**values, key: value}.items()))
     with pytest.raises(UserError, match=rf"camera\.toml: {message}"):
         Camera.load(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("cx = 0.5\ncy = 0.49\n", "cx = 0.5, cy = 0.49 are shares of the image's size; give them in pixels"),
+        (
+            'cx = 31.5\ncy = 23.5\ndistortion_model = "radtan"\ndistortion = [-0.3, 0.1, -0.08, 0.001, 0.0]\n',
+            "p1 = -0.08 and p2 = 0.001 are larger than those of any lens; the order is k1, k2, p1, p2, k3",
+        ),
+    ],
+    ids=["shares", "order"],
+)
+def test_numbers_of_another_convention_are_told(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "camera.toml").write_text("width = 64\nheight = 48\nfx = 50\nfy = 50\n" + text)
+    with pytest.raises(UserError, match=rf"camera\.toml: .*{told}"):
+        Camera.load(tmp_path / "camera.toml")
+
+
+def test_a_calibration_of_another_tool_is_told(tmp_path: Path) -> None:
+    (tmp_path / "ost.yaml").write_text("%YAML:1.0\n---\nimage_width: 640\n")
+    with pytest.raises(
+        UserError, match=r"ost\.yaml: calibrations of other tools are not read; write a camera\.toml of"
+    ):
+        Camera.load(tmp_path / "ost.yaml")
 
 
 @pytest.mark.parametrize("response", ["srgb", "linear", "unknown", 2.2, 2])
