@@ -8,6 +8,7 @@ import click
 
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
@@ -108,6 +109,7 @@ def calibrate_command(
         raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
     for path in (out, out.with_suffix(".png")):
         refuse_foreign_file(path, CALIBRATION)
+        try_place(path)
     found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model, bits=bits or 0)
     found.camera.save(out, kind=CALIBRATION)
     write_coverage(found, out.with_suffix(".png"))

@@ -28,6 +28,7 @@ from uavbench.tracker.initialization import pose_from_points
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.visible_edges import to_image, visible_edges
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.files.writing import write_text
@@ -108,6 +109,7 @@ class Picking:
 def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, browser: bool) -> None:
     """Pick points on the first image of a folder or a video; UserError naming an invalid file."""
     refuse_foreign_file(out, POINTS)
+    try_place(out)
     lens = Camera.load(camera)
     first = next(iter(frames(source, lens, 1.0)), None)
     if first is None:

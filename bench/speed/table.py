@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.processes.guard import Guard, finished
@@ -30,6 +31,7 @@ def speed(only: str, save: Path | None) -> int:
     """
     if save is not None:
         refuse_foreign_file(save, BENCHMARKS)
+        try_place(save)
     goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
     with Guard("uavbench-speed-") as guard:
         file = guard.folder / "speed.json"

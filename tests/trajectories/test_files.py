@@ -17,6 +17,7 @@ import pytest
 from tests.bench.process_trees import as_from_a_terminal
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import folders, machines, origin, temporary_names, writing
+from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.machines import Machine
 from uavbench.trajectories.files.origin import owning
@@ -756,3 +757,15 @@ def test_a_seal_is_of_one_file(tmp_path):
     assert not is_sealed(tmp_path / "a.bin")
     assert not is_sealed(tmp_path)
     assert not is_sealed(tmp_path / "none")
+
+
+@pytest.mark.parametrize("where", ["file/b", "/proc/none/b", "/proc/b"])
+def test_a_place_is_tried_before_the_work_and_nothing_is_left(tmp_path, where):
+    (tmp_path / "file").touch()
+    before = snapshot(tmp_path)
+    with pytest.raises(NotADirectoryError) as told:
+        try_place(tmp_path / where)
+    assert told.value.filename == str(tmp_path / where)
+    try_place(tmp_path / "a" / "b" / "init.toml")
+    try_place(tmp_path / "file")
+    assert snapshot(tmp_path) == before

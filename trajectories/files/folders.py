@@ -6,6 +6,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
+from tempfile import TemporaryFile
+
+
+class _Tried(Exception):
+    """A file could be made."""
+
+
+def try_place(path: Path) -> None:
+    """Make a nameless file where a long command will write `path`, and leave nothing; OSError where it cannot be.
+
+    For commands that work, or let a user work, before they write.
+    """
+    with suppress(_Tried), folder_for(path):
+        try:
+            TemporaryFile(dir=path.parent).close()
+        except FileNotFoundError:  # of a file system without new files, as /proc
+            raise NotADirectoryError(errno.ENOTDIR, "no file can be made there", str(path)) from None
+        raise _Tried
 
 
 @contextmanager
