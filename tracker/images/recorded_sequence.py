@@ -22,6 +22,7 @@ from uavbench.scenes.image_files import is_plain, read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
+from uavbench.tracker.images.model_size import doubts_of_size
 from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
@@ -175,7 +176,10 @@ def record(
             "initial_cam_from_world": recording.initial_cam_from_world.matrix.tolist(),
             "content_hash": content_hash,
             "versions": versions(),
-            "doubts": doubts_of_names(recording.images, spec.rate_hz),
+            "doubts": [
+                *doubts_of_size(recording.structure, recording.initial_cam_from_world),
+                *doubts_of_names(recording.images, spec.rate_hz),
+            ],
         }
         write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
         write_manifest(new)

@@ -13,6 +13,7 @@ from uavbench.scenes.image_files import finish_video, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, in_seconds, refuse_twins
+from uavbench.tracker.images.model_size import doubts_of_size
 from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.images.video_images import VideoImages
 from uavbench.tracker.initialization import read_init
@@ -54,7 +55,7 @@ def track_images(
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
     times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, or that seem
-    to be missing. UserError naming the invalid file.
+    to be missing, and of a model that seems to be in another unit. UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
@@ -89,7 +90,7 @@ def track_images(
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
-        record["doubts"] = _doubts(source, images, rate_hz)
+        record["doubts"] = [*doubts_of_size(structure, first), *_doubts(source, images, rate_hz)]
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results
