@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -79,9 +80,31 @@ def with_primitive(**keys: Any) -> Change:
     return change
 
 
-def with_texture(**keys: Any) -> Change:
-    texture = {"index": 0, **keys}
-    return changed(materials=[{"name": "brick", "pbrMetallicRoughness": {"baseColorTexture": texture}}])
+def with_texture(*, drawn: bool = True, **keys: Any) -> Change:
+    """The box with a material of a grey image; drawn: whether the box has this material."""
+    grey = base64.b64encode(cv2.imencode(".png", np.full((2, 2, 3), 128, np.uint8))[1].tobytes()).decode()
+
+    def change(head: dict[str, Any]) -> dict[str, Any]:
+        head["meshes"][0]["primitives"][0].update({"material": 0} if drawn else {})
+        return head | {
+            "materials": [{"name": "brick", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **keys}}}],
+            "textures": [{"source": 0}],
+            "images": [{"uri": "data:image/png;base64," + grey}],
+        }
+
+    return change
+
+
+def with_attribute(name: str, kind: str, columns: int, *, normalized: bool, then: Change = dict) -> Change:
+    """The box with zeros as another attribute of its vertices; then: a further change."""
+
+    def change(head: dict[str, Any]) -> dict[str, Any]:
+        head["meshes"][0]["primitives"][0]["attributes"][name] = len(head["accessors"])
+        of = {"componentType": KINDS[kind], "type": f"VEC{columns}", "count": 8, "normalized": normalized}
+        head["accessors"].append(of)
+        return then(head)
+
+    return change
 
 
 def with_sparse(head: dict[str, Any]) -> dict[str, Any]:
@@ -110,8 +133,26 @@ def with_weights(head: dict[str, Any]) -> dict[str, Any]:
             with_texture(extensions={"KHR_texture_transform": {"scale": [2, 2]}}),
             "its material brick moves its texture .KHR_texture_transform.: not supported; apply it to the texture coor",
         ),
+        (
+            with_attribute("TEXCOORD_0", "u2", 2, normalized=True, then=with_texture()),
+            "mesh box has normalized integers as coordinates",
+        ),
+        (with_attribute("COLOR_0", "u2", 4, normalized=True), "mesh box has colours of 16 bits: not supported; export"),
     ],
-    ids=["byte", "short", "fans", "sparse", "morphed", "skinned", "instances", "extension", "texcoord", "transform"],
+    ids=[
+        "byte",
+        "short",
+        "fans",
+        "sparse",
+        "morphed",
+        "skinned",
+        "instances",
+        "extension",
+        "texcoord",
+        "transform",
+        "normalized uv",
+        "colours",
+    ],
 )
 def test_what_would_be_left_out_is_refused_by_its_name(tmp_path: Path, change: Change, told: str) -> None:
     with pytest.raises(UserError, match=rf"a\.gltf: .*{told}"):
@@ -122,7 +163,15 @@ def test_what_would_be_left_out_is_refused_by_its_name(tmp_path: Path, change: C
     "change",
     [
         changed(extensionsRequired=["KHR_materials_unlit", "KHR_mesh_quantization"]),
+        changed(extensionsRequired=["KHR_animation_pointer", "KHR_xmp_json_ld"]),
         with_texture(extensions={"KHR_texture_transform": {"offset": [0, 0], "scale": [1.0, 1.0], "rotation": 0.0}}),
+        with_texture(extensions={"KHR_texture_transform": {"offset": [0.0, -1.0]}}),
+        with_texture(drawn=False, texCoord=1),
+        lambda _: header(normalized=True),
+        with_attribute("TEXCOORD_0", "u2", 2, normalized=True),
+        with_attribute("TEXCOORD_1", "u2", 2, normalized=True, then=with_texture()),
+        with_attribute("COLOR_0", "u1", 4, normalized=True),
+        with_attribute("COLOR_0", "u2", 4, normalized=True, then=with_texture()),
     ],
 )
 def test_what_changes_nothing_that_is_drawn_is_accepted(tmp_path: Path, change: Change) -> None:
