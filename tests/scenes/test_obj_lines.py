@@ -50,8 +50,9 @@ def continued(text: str) -> str:
         lambda text: text.replace(" ", "\t"),
         lambda text: text.replace("\n", "\n  \t"),
         lambda text: text.replace("\n", " # v 1 2 3, f 1 2 -3\n"),
+        lambda text: "# C:\\models\\\n" + continued(text),
     ],
-    ids=["from-the-last", "tabs-from-the-last", "continued", "crlf", "cr", "tabs", "indents", "remarks"],
+    ids=["from-the-last", "tabs-from-the-last", "continued", "crlf", "cr", "tabs", "indents", "remarks", "folder"],
 )
 def test_a_model_is_the_same_however_its_lines_are_written(tmp_path: Path, change: Callable[[str], str]) -> None:
     plain, other = structure(tmp_path / "plain.obj", TWO), structure(tmp_path / "other.obj", change(TWO))
@@ -64,3 +65,9 @@ def test_a_face_that_counts_back_too_far_is_told_with_its_line(tmp_path: Path) -
     (tmp_path / "short.obj").write_text("v 0 0 0\nv 1 0 0 \\\n\nv 0 1 0\nf -1 -2 -3\nf -1 -2 -4\n")
     with pytest.raises(UserError, match=r"short.obj: line 6: a face refers to a missing vertex, -4; export the model"):
         read(tmp_path / "short.obj")
+
+
+def test_a_long_line_beside_a_continued_one_is_read_at_once(tmp_path: Path) -> None:
+    """The time is proportional to its length, not to the square."""
+    text = continued(TWO) + "# " + "x" * 1_000_000 + "\n"
+    assert len(structure(tmp_path / "long.obj", text).edges) == 36

@@ -5,28 +5,33 @@ from pathlib import Path
 
 from uavbench.trajectories.errors import UserError
 
-CONTINUED = re.compile(rb"(?:[^\n]*\\\n)+[^\n]*")
+CONTINUED = re.compile(rb"^(?:[^\n]*\\\n)+[^\n]*", re.MULTILINE)
+COMMENT_END = re.compile(rb"^([ \t]*#[^\n]*?)\\+$", re.MULTILINE)
 INDENT = re.compile(rb"^[ \t]+", re.MULTILINE)
 TAB = re.compile(rb"^([a-z]+)[ \t]*\t[ \t]*", re.MULTILINE)
 REMARK = re.compile(rb"^((?:v|vt|vn|f) [^#\n]*)#[^\n]*", re.MULTILINE)
-FROM_THE_LAST = re.compile(rb"^f [^\n#]*-", re.MULTILINE)
-COUNTED = (b"v ", b"vt ", b"vn ")
-"""What the numbers of a corner count, in their order in `vertex/texture/normal`."""
+FROM_THE_LAST = re.compile(rb"\nf [^\n#]*-")
+COUNTED = {b"v ": 0, b"vt": 1, b"vn": 2}
+"""Beginnings of the lines that the numbers of a corner count, by their place in `vertex/texture/normal`."""
 
 
 def with_plain_lines(path: Path, data: bytes) -> bytes:
     """An OBJ file's content with one line for each statement, in its place, and indices that count from the first one.
 
-    Line ends become those of Unix; continued lines are joined; indents, tabs after a keyword and remarks behind numbers
-    are left out. UserError naming the line of a face that counts back to before the first vertex.
+    Line ends become those of Unix; continued lines are joined, but none to a comment, which may end with a folder's
+    backslash; indents, tabs after a keyword and remarks behind numbers are left out. UserError naming the line of a
+    face that counts back to before the first vertex.
     """
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\\\n" in data:
-        data = CONTINUED.sub(_joined, data)
-    for unusual, plain in ((INDENT, b""), (TAB, rb"\1 "), (REMARK, rb"\1")):
-        if unusual.search(data):
-            data = unusual.sub(plain, data)
+        data = CONTINUED.sub(_joined, COMMENT_END.sub(rb"\1", data))
+    if any(data.startswith(blank) or b"\n" + blank in data for blank in (b" ", b"\t")):
+        data = INDENT.sub(b"", data)
+    if b"\t" in data:
+        data = TAB.sub(rb"\1 ", data)
+    if data.count(b"#") > data.count(b"\n#") + data.startswith(b"#"):
+        data = REMARK.sub(rb"\1", data)
     return _counted_from_the_first(path, data) if FROM_THE_LAST.search(data) else data
 
 
@@ -38,9 +43,10 @@ def _joined(found: re.Match[bytes]) -> bytes:
 def _counted_from_the_first(path: Path, data: bytes) -> bytes:
     lines, seen = data.split(b"\n"), [0, 0, 0]
     for row, line in enumerate(lines):
-        for kind, prefix in enumerate(COUNTED):
-            seen[kind] += line.startswith(prefix)
-        if line.startswith(b"f ") and b"-" in line:
+        kind = COUNTED.get(line[:2])
+        if kind is not None:
+            seen[kind] += 1
+        elif b"-" in line and line.startswith(b"f "):
             try:
                 corners = [_corner(word, seen) for word in line.split()[1:]]
             except ValueError as error:
