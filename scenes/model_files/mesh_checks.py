@@ -41,7 +41,9 @@ STL_HEADER_BYTES, STL_TRIANGLE_BYTES = 84, 50
 """Bytes of a binary STL file before its triangles, the last four of which count them, and of each (3D Systems 1989)."""
 
 STL_LAST_BYTES = 4096
-"""Bytes at the end of an STL file of text that hold its last line, `endsolid` and a name."""
+"""Bytes at the end of an STL file of text that hold `endsolid`, a name, and remarks of the program behind it."""
+STL_OPEN = re.compile(rb"^[ \t]*(?:solid|facet|outer|vertex|endloop|endfacet)\b", re.MULTILINE)
+"""Beginning of a line that belongs to a solid without its end."""
 
 
 def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: bool) -> None:
@@ -125,8 +127,8 @@ def _check_stl(path: Path, data: bytes) -> None:
     """UserError for a binary STL file of other triangles than its header counts, and for text without its end."""
     header = data[:STL_HEADER_BYTES]
     if b"\0" not in header:
-        last = data.rstrip()[-STL_LAST_BYTES:].splitlines()[-1].lower() if data.strip() else b""
-        if header.lstrip()[:5].lower() == b"solid" and not last.lstrip().startswith(b"endsolid"):
+        _, end, behind = data.rstrip()[-STL_LAST_BYTES:].lower().rpartition(b"endsolid")
+        if header.lstrip()[:5].lower() == b"solid" and (not end or STL_OPEN.search(behind.partition(b"\n")[2])):
             raise UserError(
                 f"{path}: is truncated: it does not end with endsolid; copy it again, or export the model again"
             )

@@ -69,6 +69,12 @@ def test_empty_lines_and_comments_between_rows_count_for_none(tmp_path: Path) ->
     assert len(found.edges) == 18
 
 
+def test_an_element_without_properties_has_no_rows(tmp_path: Path) -> None:
+    head, _, body = ply("ascii", flags=False).partition(b"end_header\n")
+    found = structure(tmp_path / "empty.ply", head + b"element marks 3\nend_header\n" + body)
+    assert len(found.edges) == 18
+
+
 @pytest.mark.parametrize("end", [0.3, 0.51, 0.6, 0.95])
 def test_a_truncated_stl_file_of_text_is_told(tmp_path: Path, end: float) -> None:
     corners = "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
@@ -77,8 +83,9 @@ def test_a_truncated_stl_file_of_text_is_told(tmp_path: Path, end: float) -> Non
     (tmp_path / "part.stl").write_text(text[: int(end * len(text))])
     with pytest.raises(UserError, match=r"part.stl: is truncated: it does not end with endsolid; copy it"):
         read(tmp_path / "part.stl")
-    (tmp_path / "part.stl").write_text(text.upper())
-    assert sum(len(piece.triangles) for piece in read(tmp_path / "part.stl")) == 8
+    for whole in (text.upper(), text + "; written by a program, 8 facets\n\n", text.replace("second", "solid vertex")):
+        (tmp_path / "part.stl").write_text(whole)
+        assert sum(len(piece.triangles) for piece in read(tmp_path / "part.stl")) == 8
 
 
 def test_a_binary_stl_file_of_more_triangles_than_it_counts_is_told(tmp_path: Path) -> None:

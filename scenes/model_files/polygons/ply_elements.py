@@ -37,7 +37,7 @@ def with_plain_elements(path: Path, data: bytes) -> bytes:
     end, form = END.search(data), FORMAT.search(data)
     if end is None or form is None:
         return data
-    elements = [element for element in _elements(data[: end.end()]) if element.count]
+    elements = [element for element in _elements(data[: end.end()]) if element.count and element.properties]
     order = ORDERS.get(form[1].decode())
     if order is None:
         return data[: end.end()] + _plain_text(path, data[end.end() :], elements)
