@@ -36,6 +36,11 @@ OTHER_NAMES = {
     **dict.fromkeys(("pinhole", "perspective"), "none"),
 }
 """What ROS, EuRoC, OpenCV, COLMAP and others call a distortion model, in small letters, and its name here."""
+SHARES, FEWEST_PX = (0.3, 0.7), 16
+"""Where a principal point given in shares of the image's size is, and the side of an image from which it is none in px.
+
+A part of a larger image may have its principal point anywhere, as in its corner.
+"""
 MOST_TANGENTIAL = 0.03
 """Largest p1 and p2 of a lens: those of calibrations are below 0.01, and k3 in their place is often larger."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
@@ -169,12 +174,15 @@ class Camera:
     @classmethod
     def load(cls, path: Path, inside: Path | None = None) -> "Camera":
         """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key."""
-        if path.suffix.lower() in CALIBRATIONS:
-            raise UserError(
-                f"{path}: calibrations of other tools are not read; write a camera.toml of its width, height, fx, fy, "
-                "cx, cy, distortion_model and distortion"
-            )
-        values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
+        try:
+            values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
+        except UserError:
+            if path.suffix.lower() in CALIBRATIONS and path.is_file():
+                raise UserError(
+                    f"{path}: calibrations of other tools are not read; write a camera.toml of its width, height, fx, "
+                    "fy, cx, cy, distortion_model and distortion"
+                ) from None
+            raise
         fields = list(cls.__dataclass_fields__)
         unknown = sorted(set(values) - set(fields))
         missing = [key for key in fields[:6] if key not in values]
@@ -203,7 +211,8 @@ def _implausible(camera: Camera) -> str:
                 f"{name} = {focal_px:g} px is too short for {side} px of any lens; it is in pixels, neither in mm "
                 "nor a share of the image's width"
             )
-    if 0 <= camera.cx <= 1 and 0 <= camera.cy <= 1 < min(camera.width, camera.height):
+    low, high = SHARES
+    if min(camera.width, camera.height) >= FEWEST_PX and all(low <= at <= high for at in (camera.cx, camera.cy)):
         return f"cx = {camera.cx:g}, cy = {camera.cy:g} are shares of the image's size; give them in pixels"
     if camera.distortion_model != "radtan":
         return ""
@@ -213,8 +222,8 @@ def _implausible(camera: Camera) -> str:
             f"distortion = {list(camera.distortion)}: p1 = {p1:g} and p2 = {p2:g} are larger than those of any lens; "
             "the order is k1, k2, p1, p2, k3"
         )
-    right, low = camera.width - 1.0, camera.height - 1.0
-    border = np.array([(0.0, low / 2), (right, low / 2), (right / 2, 0.0), (right / 2, low)])
+    right, bottom = camera.width - 1.0, camera.height - 1.0
+    border = np.array([(0.0, bottom / 2), (right, bottom / 2), (right / 2, 0.0), (right / 2, bottom)])
     with np.errstate(all="ignore"):
         off_px = np.abs(camera.project(camera.rays(border)) - border).max(axis=1)
     if (off_px < LEAST_ROUND_TRIP_PX).all():

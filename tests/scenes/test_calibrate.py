@@ -129,6 +129,20 @@ def test_numbers_of_another_convention_are_told(tmp_path: Path, text: str, told:
         Camera.load(tmp_path / "camera.toml")
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("camera.toml", "width = 2\nheight = 2\nfx = 3\nfy = 3\ncx = 0.5\ncy = 0.5\n"),
+        ("camera.toml", "width = 64\nheight = 48\nfx = 50\nfy = 50\ncx = 0.0\ncy = 0.5\n"),
+        ("camera.txt", "width = 64\nheight = 48\nfx = 50\nfy = 50\ncx = 31.5\ncy = 23.5\n"),
+    ],
+    ids=["tiny", "quarter of an image", "another suffix"],
+)
+def test_an_unusual_camera_in_pixels_is_taken_as_it_is(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    assert Camera.load(tmp_path / name).K[0, 2] in (0.5, 0.0, 31.5)
+
+
 def test_a_calibration_of_another_tool_is_told(tmp_path: Path) -> None:
     (tmp_path / "ost.yaml").write_text("%YAML:1.0\n---\nimage_width: 640\n")
     with pytest.raises(
