@@ -10,13 +10,15 @@ import pytest
 from tests.trajectories.scene import BOX
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.own_path import plan
 from uavbench.trajectories.paths.recorded import resampled
 from uavbench.trajectories.paths.reference import Planned, Replay, planned
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.record_columns import RECORD
-from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.simulation.flight import FlightSpec, begin, fly
 from uavbench.trajectories.simulation.summary import planned_summary
 from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 T = np.arange(0.0, 1.001, 0.05)
 ROLL, YAW = 0.5 * np.sin(3 * T), np.pi + 0.3 * np.sin(T)
@@ -49,6 +51,24 @@ def test_one_motion_is_flown_as_it_is() -> None:
     assert planned_summary(FlightSpec(path=Own(PLAN)), Mount(), BOX, 0).duration_s == pytest.approx(1.0)
 
 
+def test_a_log_interpolated_between_its_poses_is_one_motion() -> None:
+    """Velocities and accelerations are central differences, smoother than those from row to row."""
+    t = np.arange(len(RECORDED)) * STEP_S
+    record = RECORDED.copy()
+    log = np.arange(0.0, t[-1] + 0.01, 0.02)
+    record[:, :3] = np.column_stack([np.interp(t, log, np.interp(log, t, axis)) for axis in RECORDED[:, :3].T])
+    record[:, 7:10] = np.gradient(record[:, :3], STEP_S, axis=0)
+    record[:, 10:13] = np.gradient(record[:, 7:10], STEP_S, axis=0)
+    np.testing.assert_array_equal(plan(Own(Replay(record)), BOX, Mount(), np.random.default_rng(0)).record, record)
+
+
+def test_a_plan_may_turn_many_times() -> None:
+    turns = np.linspace(0, 20 * 2 * np.pi, round(150 / STEP_S))
+    table = np.zeros((len(turns), PLAN.table.shape[1]))
+    table[:, 9] = turns
+    assert plan(Own(Planned(table)), BOX, Mount(), np.random.default_rng(0)).table is table
+
+
 ZERO = np.zeros_like
 
 
@@ -60,6 +80,7 @@ ZERO = np.zeros_like
     (Planned(PLAN.table[:1]), r"the table of Planned is .1, 17.; it takes"),
     (Planned(changed(PLAN.table, 9, lambda yaw: np.where(yaw > 0, np.nan, yaw))), "Planned is not finite at row 0"),
     (Planned(changed(PLAN.table, 9, np.degrees)), "its yaw reaches 180 rad; a plan has radians"),
+    (Planned(changed(PLAN.table, 9, lambda yaw: np.linspace(0, 359, len(yaw)))), "its yaw reaches 359 rad; a plan"),
     (Replay(RECORDED[:, :13]), r"the record of Replay is .501, 13.; it takes .n, 30."),
     (Replay(changed(RECORDED, RECORD["positions_m"], lambda p: p * np.nan)), "Replay is not finite at row 0, 0.000 s"),
     (Replay(changed(RECORDED, RECORD["quaternions_wxyz"], lambda q: 2 * q)), "the quaternion of row 0, .* unit norm"),
@@ -70,6 +91,9 @@ ZERO = np.zeros_like
     (Replay(changed(RECORDED, RECORD["angular_velocities_rad_s"], np.degrees)), "derivatives of its quaternions"),
 ])  # fmt: skip
 def test_what_is_no_motion_is_told_with_the_name_of_the_path(found: Any, told: str) -> None:
-    for begin in (fly, planned_summary):
-        with pytest.raises(UserError, match=told):
-            begin(FlightSpec(path=Own(found)), Mount(), BOX, 0)
+    spec = FlightSpec(path=Own(found))
+    for begins in (fly, begin):
+        with pytest.raises(UserError, match=f"path Own: .*{told}"):
+            begins(spec, Mount(), BOX, 0)
+    with pytest.raises(UserError, match=told):
+        planned_summary(spec, Mount(), BOX, 0)

@@ -14,10 +14,13 @@ from uavbench.trajectories.record_columns import RECORD, RECORD_COLUMNS
 from uavbench.trajectories.vehicle.geometric_control import REFERENCE_COLUMNS
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
-MOST_YAW_RAD = 100.0
-"""Largest yaw of a plan in rad: 16 turns; a heading in degrees has more."""
-UNLIKE = 0.05
-"""Part of the speeds, or of the rates, by which derivatives of a record may differ from them (rms), and 1 cm/s."""
+MOST_YAW_RAD, FASTEST_RAD_S = 100.0, 2.0
+"""Largest yaw of a plan in rad, 16 turns, unless it was wound up at this mean rate or slower; degrees have more."""
+BLOCK, UNLIKE = 100, 0.3
+"""Rows over which rates of a record are averaged, and the part of them by which the poses' may differ, and 1 cm/s.
+
+Differences from row to row, as of poses between which a log was interpolated, are not those of smoothed rates.
+"""
 FEWEST = 2
 
 
@@ -32,14 +35,20 @@ def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.G
 def _check(found: Any) -> None:
     if isinstance(found, Planned):
         table = _table("table of Planned", found.table, REFERENCE_COLUMNS)
-        if np.abs(table[:, 9]).max() > MOST_YAW_RAD:
-            raise UserError(f"its yaw reaches {np.abs(table[:, 9]).max():.4g} rad; a plan has radians")
+        _check_yaw(table[:, 9])
     elif isinstance(found, Replay):
         _check_motion(_table("record of Replay", found.record, RECORD_COLUMNS))
     elif not all(hasattr(found, name) for name in ("warm_up", "steps", "rows")):
         raise UserError(
             f"plan gives a {type(found).__name__}; it takes a Planned, a Replay, or an object with warm_up, steps, rows"
         )
+
+
+def _check_yaw(yaws: Array) -> None:
+    """UserError for yaws (n,) that are in degrees; many turns, one after another, are yaws in rad."""
+    most, wound = np.abs(yaws).max(), np.abs(yaws - yaws[0]).max()
+    if most > MOST_YAW_RAD and (abs(yaws[0]) > MOST_YAW_RAD or wound > FASTEST_RAD_S * STEP_S * len(yaws)):
+        raise UserError(f"its yaw reaches {most:.4g} rad; a plan has radians")
 
 
 def _table(what: str, rows: Any, columns: int) -> Array:
@@ -70,12 +79,18 @@ def _check_motion(record: Array) -> None:
     ):
         given = record[:, RECORD[name]]
         between = (given[1:] + given[:-1]) / 2
-        size, unlike = (float(np.sqrt(np.mean(np.sum(v**2, axis=1)))) for v in (derived, derived - between))
+        size, unlike = (float(np.sqrt(np.mean(np.sum(_smooth(v) ** 2, axis=1)))) for v in (derived, derived - between))
         if unlike > UNLIKE * size + 0.01:
             raise UserError(
                 f"{name} of its record are not the derivatives of its {of}: {unlike:.3g} off (rms), of {size:.3g}; "
                 "sensors and blur would contradict the poses"
             )
+
+
+def _smooth(values: Array) -> Array:
+    """Means of values (n, 3) over blocks of rows; those of the last, shorter one are left out."""
+    rows = min(BLOCK, len(values))
+    return np.asarray(values[: len(values) // rows * rows].reshape(-1, rows, 3).mean(axis=1))
 
 
 def _differences(values: Array) -> Array:

@@ -110,9 +110,10 @@ def begin(
     guide: wraps the guidance of the path. UserError for a path without clearance or beyond the available thrust, and
     for a recorded motion.
     """
-    guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
-    if isinstance(guidance, Replay):
-        raise UserError(f"path {path_name(spec.path)}: a recorded motion cannot be flown; choose a planned path")
+    with _told_with_path(spec):
+        guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
+        if isinstance(guidance, Replay):
+            raise UserError("a recorded motion cannot be flown; choose a planned path")
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     return _begin(spec, guidance, vehicle, obstacles, seed, guide)
 
