@@ -74,3 +74,13 @@ def test_a_camera_may_look_anywhere_below_the_horizon(tmp_path: Path, pitch_deg:
     poses = [Pose.from_quaternion(q, p) @ found for q, p in zip(WXYZ, POSITIONS, strict=True)]
     seen = np.array([pose.quaternion_wxyz for pose in poses])
     assert len(planned(tmp_path / "camera.txt", lines(1, seen[:, [1, 2, 3, 0]]), frame="camera")) == 1001
+
+
+def test_a_camera_that_is_mounted_upside_down_is_flown_with_its_mount(tmp_path: Path) -> None:
+    turned = Mount(pitch_deg=-20.0, roll_deg=180.0)
+    poses = [Pose.from_quaternion(q, p) @ turned.cam_from_body.inverse() for q, p in zip(WXYZ, POSITIONS, strict=True)]
+    text = lines(1, np.array([pose.quaternion_wxyz for pose in poses])[:, [1, 2, 3, 0]])
+    with pytest.raises(UserError, match=r"tilted by .* give the mount of the camera, .* upside down roll_deg = 180$"):
+        planned(tmp_path / "camera.txt", text, frame="camera")
+    path = Recorded(str(tmp_path / "camera.txt"), frame="camera")
+    assert len(path.plan(BOX, turned, np.random.default_rng(0)).record) == 1001

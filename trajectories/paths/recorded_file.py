@@ -52,7 +52,8 @@ def check_upright(file: Path, frame: str, body: Trajectory) -> None:
     if tilt > LARGEST_TILT[frame] or doubtful:
         raise UserError(
             f"{file}: the vehicle is tilted by {np.degrees(tilt):.0f} degrees (median); quaternions are w last in tum, "
-            "w first in euroc, a body's z axis points up, a camera's forward; convert the poses, or correct the mount"
+            "w first in euroc, a body's z axis points up, a camera's forward; convert the poses, or give the mount of "
+            "the camera, of one that is upside down roll_deg = 180"
         )
 
 
