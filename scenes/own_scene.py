@@ -43,9 +43,9 @@ def own_structure(plugin: object, found: Any) -> BuiltStructure:
     if volume < 0 and not open_edges:
         raise UserError(f"{who}: its Structure is inside out; list the vertices of triangles counter-clockwise")
     built = replace(built, parts=_parts(who, built.parts))
-    drawn = [TriangleMesh(p.vertices, p.triangles) for p in built.parts if p.instance == STRUCTURE]
-    if not drawn:
+    if not any(part.instance == STRUCTURE for part in built.parts):
         raise UserError(f"{who}: none of its parts has instance = 1, that of the structure")
+    drawn = [TriangleMesh(part.vertices, part.triangles) for part in built.parts]
     ends = built.structure.edge_segments
     points = ends[:, None, 0] + np.linspace(0, 1, PIECES)[None, :, None] * (ends[:, None, 1] - ends[:, None, 0])
     far_m = BESIDE * float(np.ptp(vertices, axis=0).max())
@@ -53,7 +53,7 @@ def own_structure(plugin: object, found: Any) -> BuiltStructure:
     if beside > MOST_BESIDE:
         raise UserError(
             f"{who}: {beside:.0%} of the edges that trackers get lie more than {far_m:.3g} m beside the parts that are "
-            "drawn (instance = 1); give both in metres and in the same frame"
+            "drawn; give both in metres and in the same frame"
         )
     return built
 
@@ -112,7 +112,7 @@ def _outside(who: str, parts: Any) -> tuple[Part, ...]:
 
 
 def _parts(who: str, parts: Any) -> tuple[Part, ...]:
-    """Parts as a tuple; UserError naming the first that cannot be drawn."""
+    """Parts as a tuple, without those of no triangles; UserError naming the first that cannot be drawn."""
     try:
         each = tuple(parts)
     except TypeError:
@@ -122,7 +122,7 @@ def _parts(who: str, parts: Any) -> tuple[Part, ...]:
             raise UserError(f"{who}: parts[{number}] is a {_kind(part)}; it takes a Part")
         for fault in _faults(part):
             raise UserError(f"{who}: parts[{number}]{f' ({part.name})' if part.name else ''}: {fault}")
-    return each
+    return tuple(part for part in each if len(part.triangles))
 
 
 def _faults(part: Part) -> Iterator[str]:
@@ -130,9 +130,9 @@ def _faults(part: Part) -> Iterator[str]:
     if count < 0:
         yield f"its vertices are {_kind(part.vertices)}; they take finite numbers (n, 3)"
     corners: Any = part.triangles
-    if not (isinstance(corners, np.ndarray) and corners.ndim == 2 and corners.shape[1] == 3 and len(corners)):
+    if not (isinstance(corners, np.ndarray) and corners.ndim == 2 and corners.shape[1] == 3):
         yield f"its triangles are {_kind(corners)}; they take integers (m, 3)"
-    if not np.issubdtype(corners.dtype, np.integer) or corners.min() < 0 or corners.max() >= count:
+    if len(corners) and not (np.issubdtype(corners.dtype, np.integer) and 0 <= corners.min() <= corners.max() < count):
         yield f"its triangles are {_kind(corners)}; they take integers from 0 to {count - 1}, of its vertices"
     for name, columns in (("normals", 3), ("uv", 2), ("tint", 4), ("soil_uv", 2)):
         given = getattr(part, name)

@@ -45,6 +45,13 @@ def test_a_structure_whose_edges_are_drawn_is_taken_as_it_is(kind: Any) -> None:
     assert found.parts == built.parts and found.structure is built.structure
 
 
+def test_a_structure_may_have_parts_of_other_instances_and_of_no_triangles() -> None:
+    bare = replace(BOX.parts[0], instance=1, triangles=np.zeros((0, 3), dtype=np.int64))
+    label = [replace(part, instance=2) for part in BOX.parts]
+    sign = replace(BOX.parts[0], instance=1)
+    assert own_structure(Own(), replace(BOX, parts=(bare, *label, sign))).parts == (*label, sign)
+
+
 @pytest.mark.parametrize(("built", "told"), [
     (None, "build gives a NoneType; it takes a BuiltStructure"),
     ((BOX.structure, BOX.parts), "build gives a tuple; it takes a BuiltStructure"),
