@@ -20,11 +20,12 @@ from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
-from uavbench.tracker.robust.fit.response import CODES, IS_ANOTHER, NUMBERS, SIGMA, Response, srgb_light
+from uavbench.tracker.robust.fit.response import CODES, IS_ANOTHER, NUMBERS, Response, srgb_light
+from uavbench.tracker.robust.fit.shared_numbers import IS_ROUNDED, SIGMA, SharedNumbers
 from uavbench.tracker.robust.solver.bias_kernels import linearize
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
-from uavbench.tracker.robust.solver.response_kernels import ResponseSeen
+from uavbench.tracker.robust.solver.number_kernels import NumbersSeen
 from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint
 from uavbench.tracker.robust.tracker import Robust
@@ -91,15 +92,14 @@ def test_a_plain_box_is_tracked_in_codes_of_any_response_and_its_covariance_is_t
 def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
     image, lines = strip(1.5, 0.2, 20) if crowded else edge(0.2, 20)
     state, row, colour = (
-        Response(Camera(SIZE, SIZE, 40, 40, 20, 20, response="unknown"), BiasConfig()),
+        Response(Camera(SIZE, SIZE, 40, 40, 20, 20, response="unknown")),
         np.zeros(8),
         np.empty(3),
     )
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
 
     def found(value):
-        state.mean = value * np.eye(NUMBERS)[number]
-        state.locate()
+        state.locate(value * np.eye(NUMBERS)[number])
         sums = room_for(6, NUMBERS, 2)
         learned_light(row, 3, state.light, colour)
         at = fit_step(image, np.atleast_2d(lines), 0.2, Strip(2, 2, Optics(state.light, BLUR_PX)), colour, sums)
@@ -110,28 +110,29 @@ def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
 
 
 def test_the_light_follows_what_is_known_of_the_response():
-    state = Response(UNKNOWN, BiasConfig())
-    assert state.another == pytest.approx(IS_ANOTHER)
-    np.testing.assert_allclose(state.light[0], srgb_light(CODES), atol=1e-6)
-    sure = 1e4 * np.eye(NUMBERS)
+    state = SharedNumbers(UNKNOWN, 1.0, BiasConfig())
+    np.testing.assert_allclose(state.posterior.probability, [IS_ANOTHER, IS_ROUNDED])
+    np.testing.assert_allclose(state.response.light[0], srgb_light(CODES), atol=1e-6)
+    sure, nothing = np.diag([1e4, 1e4, 0.0]), np.zeros(NUMBERS + 1)  # of the radius nothing is known
     for _ in range(15):
-        state.learn(ResponseSeen(sure, np.zeros(NUMBERS)), 0.1)
-    assert state.another < 1e-3 and not state.locate().any()  # of even odds; sure is 2e-4 of the prior deviation
-    assert np.sqrt(np.diagonal(state.covariance)).max() < 1e-3
+        state.learn(NumbersSeen(sure, nothing), 0.1)
+    assert state.posterior.probability[0] < 1e-3  # of even odds; sure is 2e-4 of the prior deviation
+    assert not state.locate().any()
+    assert np.sqrt(np.diagonal(state.posterior.covariance))[:NUMBERS].max() < 1e-3
     for _ in range(60):
-        state.learn(ResponseSeen(sure, sure @ (np.array([-0.8, 0.1]) - state.at)), 0.1)
+        state.learn(NumbersSeen(sure, sure @ (np.array([-0.8, 0.1, 0.0]) - state.at)), 0.1)
         state.locate()
-    assert state.another > 1 - 1e-6
-    np.testing.assert_allclose(state.mean, [-0.8, 0.1], atol=0.02)
+    assert state.posterior.probability[0] > 1 - 1e-6
+    np.testing.assert_allclose(state.posterior.mean, [-0.8, 0.1, 0.0], atol=0.02)
     np.testing.assert_allclose(state.known.mean, 0.0, atol=0.021)
-    assert np.sqrt(np.diagonal(state.covariance)).max() < 0.1 * SIGMA
-    state.learn(ResponseSeen(np.full((NUMBERS, NUMBERS), np.nan), np.zeros(NUMBERS)), 0.1)
-    assert np.isfinite(state.mean).all()
+    assert np.sqrt(np.diagonal(state.posterior.covariance))[:NUMBERS].max() < 0.1 * SIGMA
+    state.learn(NumbersSeen(np.full((NUMBERS + 1, NUMBERS + 1), np.nan), nothing), 0.1)
+    assert np.isfinite(state.posterior.mean).all()
 
 
 @pytest.mark.parametrize("numbers", [(-1.5, 2.0), (1.5, -2.0), (0.4, 0.9), (-0.8, -0.9)])
 def test_more_code_is_more_light_by_any_response(numbers):
-    light = Response(UNKNOWN, BiasConfig()).light_at(np.array(numbers))
+    light = Response(UNKNOWN).light_at(np.array(numbers))
     assert (np.diff(light) >= 0).all() and (light[0], light[-1]) == pytest.approx((0.0, 1.0))
 
 

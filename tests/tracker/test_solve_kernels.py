@@ -11,7 +11,7 @@ from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
-from uavbench.tracker.robust.solver.response_state import KnownResponse
+from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.tracker.robust.solver.solve_kernels import refine
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Pose
@@ -53,8 +53,8 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds, numbe
     residual, variance, weight = rng.normal(0, 0.3, n), rng.uniform(0.01, 0.1, n), rng.uniform(0.2, 1.0, n)
     moved, patch_variance = rng.normal(0, 1e-4, (PATCHES, 2)), rng.uniform(0.01, 0.1, PATCHES)  # far from the cutoff
     prior = np.diag(rng.uniform(1e2, 1e3, 6))
-    by_response, mean, root = (rng.normal(0, 0.2, size) for size in ((n, numbers), numbers, (numbers, numbers)))
-    response = KnownResponse(mean, root @ root.T)
+    by_numbers, mean, root = (rng.normal(0, 0.2, size) for size in ((n, numbers), numbers, (numbers, numbers)))
+    response = KnownNumbers(mean, root @ root.T)
     biases = NuisanceBiases(kinds, BiasConfig(), numbers)
     offsets = biases.offsets(np.arange(EDGES), np.full(EDGES, 0.2**2), shared)
     measured = EdgeMeasurements(
@@ -63,7 +63,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds, numbe
         Candidates(np.column_stack([residual, np.full(n, np.inf)]), np.ones((n, 2))),
         weight,
         variance,
-        by_response,
+        by_numbers,
     )
     matches = PatchMatches(places, CAMERA.project(places) + moved, np.ones(PATCHES), patch_variance)
     identity = np.eye(3), np.zeros(3)
@@ -79,7 +79,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds, numbe
         kernel_values(EstimatorConfig()),
     )
     J = np.einsum("ni,nij->nj", normals, jacobian(points))
-    of_points = np.concatenate([J, np.zeros((n, 6)), np.eye(EDGES)[edge], by_response], axis=1)
+    of_points = np.concatenate([J, np.zeros((n, 6)), np.eye(EDGES)[edge], by_numbers], axis=1)
     K = jacobian(places).reshape(-1, 6)
     of_patches = np.concatenate([K, -K, np.zeros((2 * PATCHES, EDGES + numbers))], axis=1)
     rows, right = np.vstack([of_points, of_patches]), np.concatenate([residual, moved.ravel()])
@@ -97,7 +97,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds, numbe
     marginal = np.linalg.inv(np.linalg.inv(dense)[:6, :6])
     np.testing.assert_allclose(found.step.information, marginal, rtol=1e-4, atol=1e-4 * np.abs(marginal).max())
     np.testing.assert_allclose(found.step.told, told, rtol=1e-4, atol=1e-4 * np.abs(told).max())
-    np.testing.assert_allclose(found.step.to_response, solution[12 + EDGES :], rtol=1e-5)
+    np.testing.assert_allclose(found.step.to_numbers, solution[12 + EDGES :], rtol=1e-5)
     np.testing.assert_allclose(Pose(found.R, found.t).matrix, Pose.exp(found.step.to_fit).matrix, atol=1e-12)
 
 
@@ -125,7 +125,7 @@ def weights_of_patches(points, moved_px, sigma_px):
         measured,
         PatchMatches(places, observed, np.ones(PATCHES), np.full(PATCHES, sigma_px**2)),
         biases.seen_with(offsets),
-        PosePrior(1e8 * np.eye(6), *identity, KnownResponse(np.zeros(0), np.zeros((0, 0)))),
+        PosePrior(1e8 * np.eye(6), *identity, KnownNumbers(np.zeros(0), np.zeros((0, 0)))),
         view,
         np.array([FINE_PX]),
         kernel_values(EstimatorConfig()),

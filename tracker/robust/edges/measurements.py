@@ -49,7 +49,7 @@ class Candidates(NamedTuple):
 class EdgeMeasurements(NamedTuple):
     """Measurements of the edges in an image: weight (n,) in [0, 1] before robust weighting, variance_px2 (n,).
 
-    by_response (n, r): derivatives of the distances for the numbers of the camera's response, px.
+    by_numbers (n, r): derivatives of the distances for the numbers that all edges share, px.
     """
 
     points: ControlPoints
@@ -57,7 +57,7 @@ class EdgeMeasurements(NamedTuple):
     candidates: Candidates
     weight: Array
     variance_px2: Array
-    by_response: Array
+    by_numbers: Array
 
 
 CONTROL_POINTS = named_tuple(ControlPoints, "f2! i2! i1! i1!")

@@ -27,8 +27,8 @@ from uavbench.tracker.robust.fit.learning import (
     Seen,
     found_faces,
     learn_edges,
+    learn_numbers,
     learn_patches,
-    learn_response,
 )
 from uavbench.tracker.robust.fit.pose_fit import (
     NO_MATCHES,
@@ -40,7 +40,7 @@ from uavbench.tracker.robust.fit.pose_fit import (
     Searched,
     Solution,
 )
-from uavbench.tracker.robust.fit.response import Response
+from uavbench.tracker.robust.fit.shared_numbers import SharedNumbers
 from uavbench.tracker.robust.fit.stage_kernels import (
     EdgeModel,
     Fitted,
@@ -90,8 +90,11 @@ class EdgeFitter:
     def forget(self) -> None:
         """Forget the appearance of the edges, the patches and the biases."""
         self.forget_patches()
-        self.response = Response(self.camera, self.config.solver.bias)
-        self.biases = NuisanceBiases(self.kinds, self.config.solver.bias, self.response.numbers)
+        smallest_m = float(np.ptp(self.edges.extent, axis=0).min())
+        self.numbers = SharedNumbers(self.camera, smallest_m, self.config.solver.bias)
+        self.biases = NuisanceBiases(
+            self.kinds, self.config.solver.bias, self.numbers.count, len(self.numbers.slabs.probability)
+        )
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.learned = 0
 
@@ -103,7 +106,7 @@ class EdgeFitter:
     @property
     def optics(self) -> Optics:
         """How light is thought to become codes."""
-        return Optics(self.response.light, self.blur.px)
+        return Optics(self.numbers.response.light, self.blur.px)
 
     @property
     def judge(self) -> Judge:
@@ -113,11 +116,11 @@ class EdgeFitter:
     @property
     def memory(self) -> Memory:
         """What was learned, which `forget` leaves as it is."""
-        return Memory(self.texture, self.biases, self.appearance, self.learned)
+        return Memory(self.texture, self.biases, self.appearance, self.learned, self.numbers)
 
     def remember(self, memory: Memory) -> None:
         """Return to what was learned before it was forgotten."""
-        self.texture, self.biases, self.appearance, self.learned = memory
+        self.texture, self.biases, self.appearance, self.learned, self.numbers = memory
         self.texture.now_s = self.now_s
 
     def without_memory(self) -> "EdgeFitter":
@@ -153,7 +156,7 @@ class EdgeFitter:
 
     def concluded(self, found: Searched, clock: StageClock) -> Fit:
         """The fit to the matches of a search, its edges located between the pixels where the image was not smoothed."""
-        at = self.locate(found, clock) if self.sharp else unlocated(found, self.response.numbers)
+        at = self.locate(found, clock) if self.sharp else unlocated(found)
         with clock.stage("support"):
             return self.judge.fit(found, at)
 
@@ -165,7 +168,7 @@ class EdgeFitter:
         if isinstance(found, Fit):
             return found
         with clock.stage("support"):
-            return self.judge.fit(found, unlocated(found, self.response.numbers))
+            return self.judge.fit(found, unlocated(found))
 
     def located(self, fit: Fit, clock: StageClock) -> Fit:
         """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
@@ -199,15 +202,16 @@ class EdgeFitter:
     @property
     def model(self) -> EdgeModel:
         """The edges with their appearance."""
-        return EdgeModel(self.edges.ends, self.edges.inward, self.appearance, self.response.numbers)
+        return EdgeModel(self.edges.ends, self.edges.inward, self.appearance)
 
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
         """Control points, their weights, and patches that are visible at the prediction."""
         view = self.view.at(predicted)
         with clock.stage("project"):
-            seen = unchecked(edges_in_view)(self.edges, view, self.appearance, MOST_POINTS, self.values)
+            rounding = self.numbers.rounding
+            seen = unchecked(edges_in_view)(self.edges, view, self.appearance, MOST_POINTS, rounding, self.values)
             self.texture.choose(view)
-            prior = PosePrior(inverse6(covariance), view.R, view.t, self.response.known)
+            prior = PosePrior(inverse6(covariance), view.R, view.t, self.numbers.known)
         return Problem(image, view, covariance, prior, *seen)
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
@@ -236,7 +240,8 @@ class EdgeFitter:
         """Estimate by a short search."""
         view, values = aligned.view, self.values
         with clock.stage("search"):
-            measured = unchecked(measure_near)(problem.image, problem.points, problem.weight, view, self.model, values)
+            found = problem.points, problem.weight, problem.by_numbers
+            measured = unchecked(measure_near)(problem.image, *found, view, self.model, values)
         with clock.stage("update"):
             solved = self.solve_anew(problem, measured, aligned.matches, view, values.widths.fine)
         return Solution(solved.estimate, measured, solved.edges)
@@ -254,8 +259,7 @@ class EdgeFitter:
         points = problem.points
         found = search(problem.image, lines, points.rows, self.appearance, half_px, self.weak_step, self.values.search)
         variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
-        none = np.zeros((len(variance_px2), self.response.numbers))  # known to a fraction of the error of a search
-        return EdgeMeasurements(points, lines, found, problem.weight, variance_px2, none)
+        return EdgeMeasurements(points, lines, found, problem.weight, variance_px2, problem.by_numbers)
 
     def solve_anew(
         self, problem: Problem, measured: EdgeMeasurements, matches: PatchMatches, view: View, widths_px: Array
@@ -297,15 +301,14 @@ class EdgeFitter:
         used = fit.residuals
         faces = found_faces(self.texture, used)
         learn_patches(self.memory, seen, fit, faces, dt_s, self.config.good_support)
-        if self.response.numbers:
-            at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
-            learn_response(self.response, self.memory, used, faces, at, dt_s, shared_part)
+        at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
+        learn_numbers(self.memory, used, faces, at, dt_s, shared_part)
 
 
-def unlocated(searched: Searched, numbers: int) -> Located:
-    """The estimate from the matches of a search, which locates no edge between the pixels; numbers: of the response."""
-    n = len(searched.problem.points.points)
-    return Located(searched.found.estimate, np.zeros(n, dtype=np.int64), np.zeros((n, numbers)))
+def unlocated(searched: Searched) -> Located:
+    """The estimate from the matches of a search, which locates no edge between the pixels."""
+    by_numbers = searched.problem.by_numbers
+    return Located(searched.found.estimate, np.zeros(len(by_numbers), dtype=np.int64), by_numbers)
 
 
 def layered(image: Image) -> Image:

@@ -55,7 +55,7 @@ class Judge(NamedTuple):
                 step,
                 problem.prior.information,
                 at.steps,
-                at.by_response,
+                at.by_numbers,
             ),
             searched,
         )

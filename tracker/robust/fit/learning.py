@@ -1,4 +1,4 @@
-"""What is learned from a fit: the looks and distances of edges, the biases, patches, and the camera's response."""
+"""What is learned from a fit: the looks and distances of edges, the biases, patches, and what all edges share."""
 
 from typing import NamedTuple
 
@@ -12,11 +12,11 @@ from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals
-from uavbench.tracker.robust.fit.response import Response
+from uavbench.tracker.robust.fit.shared_numbers import SharedNumbers
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
-from uavbench.tracker.robust.solver.response_kernels import response_seen
+from uavbench.tracker.robust.solver.number_kernels import numbers_seen
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
@@ -29,13 +29,19 @@ TAKE_EVERY = 4
 """Frames between searches for new patches while enough are found, or after one that found none: limits their time."""
 
 
+ASK_EVERY, ASK_AT = 8, 2
+"""Frames between those in which the numbers that all edges share are learned, and the first of these: limits their
+time. It takes no patches."""
+
+
 class Memory(NamedTuple):
-    """What was learned: patches, biases, appearance of the edges, and in how many frames."""
+    """What was learned: patches, biases, appearance of the edges, in how many frames; the numbers that edges share."""
 
     texture: Texture
     biases: NuisanceBiases
     appearance: Array
     frames: int
+    numbers: SharedNumbers
 
 
 class Seen(NamedTuple):
@@ -52,9 +58,7 @@ def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array
     Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
     """
     image, lines, used = seen
-    residual, to_response = used.weighting.residual, used.step.to_response
-    if len(to_response):
-        residual = residual - used.by_response @ to_response
+    residual = used.weighting.residual - used.by_numbers @ used.step.to_numbers
     looked_at = LookedAt(used.points.rows, residual, used.weighting.weight, used.steps)
     limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
     return unchecked(learn_appearance)(image, lines, looked_at, covariance, appearance, limits, values.appearance)
@@ -83,29 +87,26 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, faces: Indices, dt_s: fl
         texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
 
 
-def learn_response(
-    response: Response,
-    memory: Memory,
-    used: FitResiduals,
-    faces: Indices,
-    at: View,
-    dt_s: float,
-    shared_part: float,
+def learn_numbers(
+    memory: Memory, used: FitResiduals, faces: Indices, at: View, dt_s: float, shared_part: float
 ) -> None:
-    """Update an unknown response with what the edges of a fit at a view say of it; the biases are relative to it.
+    """Update the numbers that all edges share with what those of a fit at a view say; the biases are relative to them.
 
     faces: of the patches that were found, before some of them were given up.
     """
-    texture, biases, _, frames = memory
-    response.unasked_s += dt_s
-    if used.steps.any() and frames % TAKE_EVERY == 2:  # limits the time; no edge is located in the first
+    texture, biases, _, frames, numbers = memory
+    numbers.unasked_s += dt_s
+    if frames % ASK_EVERY == ASK_AT:
         shared_px2 = shared_part * float(np.mean(used.edges.variance_px2 + used.edges.kind_px2))
-        prior = PosePrior(used.prior_information, at.R, at.t, response.known)
-        response.learn(response_seen(used.sums, biases.before(used.edges), prior, at, shared_px2), response.unasked_s)
-        response.unasked_s = 0.0
-    moved, pose = response.locate(), Pose(at.R, at.t)
+        prior = PosePrior(used.prior_information, at.R, at.t, numbers.known)
+        given = used.sums, biases.before(used.edges), prior, at, shared_px2, numbers.slabs.first[:-1]
+        numbers.learn(numbers_seen(*given), numbers.unasked_s)
+        numbers.unasked_s = 0.0
+        moved = numbers.locate()
+    else:
+        moved = numbers.unmoved
     if not len(texture):
         biases.forget()  # the offsets of edges are relative to patches
     elif moved.any() or not len(faces):  # then all patches are new
-        of_all = texture.patches.face[: len(texture)]
+        of_all, pose = texture.patches.face[: len(texture)], Pose(at.R, at.t)
         texture.shift(faces if len(faces) else of_all, biases.follow(moved, pose), pose)

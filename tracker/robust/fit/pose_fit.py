@@ -41,7 +41,7 @@ class Problem(NamedTuple):
     """An image (h, w, c), the prediction with its covariance (6, 6), and the control points visible at it.
 
     lines are those at the prediction; weight (n,) of each control point in the pose, counts (n,) in its support; edges
-    (g,) rows of the edges in view among the offsets.
+    (g,) rows of the edges in view among the offsets; by_numbers (n, r): see `EdgesInView`.
     """
 
     image: Image
@@ -53,6 +53,7 @@ class Problem(NamedTuple):
     weight: Array
     counts: Array
     edges: Indices
+    by_numbers: Array
 
 
 class Aligned(NamedTuple):
@@ -89,7 +90,7 @@ class FitResiduals(NamedTuple):
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
     view, the sums over a frame and the last step; prior_information (6, 6) of the prediction. steps (n,): number of
-    steps of light that locate each control point, 0 where none does; by_response (n, r): see `Located`.
+    steps of light that locate each control point, 0 where none does; by_numbers (n, r): see `Located`.
     """
 
     points: ControlPoints
@@ -101,7 +102,7 @@ class FitResiduals(NamedTuple):
     step: Step
     prior_information: Array
     steps: Indices
-    by_response: Array
+    by_numbers: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +136,8 @@ class Fit:
 
     @property
     def covariance_of_told(self) -> Array:
-        """Covariance (6, 6) of the pose if the response was known."""
-        if self.residuals is None or not len(self.residuals.step.to_response):
+        """Covariance (6, 6) of the pose if the numbers that all edges share were known."""
+        if self.residuals is None or not len(self.residuals.step.to_numbers):
             return self.covariance
         step = self.residuals.step
         return inverse6(step.told + (inverse6(self.covariance) - step.information))

@@ -16,6 +16,7 @@ from uavbench.tracker.robust.edges.measurements import (
     SearchLines,
 )
 from uavbench.tracker.robust.edges.profile_kernels import Image, search
+from uavbench.tracker.robust.edges.rounding_kernels import ROUNDING, Rounding, derivatives, motion_by_radius, move
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
@@ -43,18 +44,18 @@ Indices = NDArray[np.int64]
 
 
 class EdgeModel(NamedTuple):
-    """The edges of a structure, ends and inward as of `EdgeMap`, with their appearance; numbers of the response."""
+    """The edges of a structure, ends and inward as of `EdgeMap`, with their appearance."""
 
     ends: Array
     inward: Array
     appearance: Array
-    numbers: int
 
 
 class EdgesInView(NamedTuple):
     """Control points in view with their search lines, weight (n,) in the pose and counts (n,) in the support.
 
-    edges (g,): rows of the edges in view among the offsets.
+    edges (g,): rows of the edges in view among the offsets. by_numbers (n, r): derivatives of the distances for the
+    numbers that all edges share, px.
     """
 
     points: ControlPoints
@@ -62,6 +63,7 @@ class EdgesInView(NamedTuple):
     weight: Array
     counts: Array
     edges: Indices
+    by_numbers: Array
 
 
 class Solved(NamedTuple):
@@ -74,12 +76,12 @@ class Solved(NamedTuple):
 class Located(NamedTuple):
     """An estimate, by edges located between the pixels where steps (n,) of light locate a control point, 0 for none.
 
-    by_response (n, r): derivatives of their distances for the numbers of the response.
+    by_numbers (n, r): derivatives of the distances for the numbers that all edges share.
     """
 
     estimate: Estimate
     steps: Indices
-    by_response: Array
+    by_numbers: Array
 
 
 class Fitted(NamedTuple):
@@ -109,7 +111,7 @@ class Judged(NamedTuple):
     chance: Chance
 
 
-EDGE_MODEL = named_tuple(EdgeModel, "f3! f3! f2! i0")
+EDGE_MODEL = named_tuple(EdgeModel, "f3! f3! f2!")
 FITTED = named_tuple(
     Fitted,
     "measured matches biases prior weighting",
@@ -122,22 +124,36 @@ FITTED = named_tuple(
 WEIGHTINGS = named_tuple(Weightings, "weighting weighting", weighting=WEIGHTING)
 
 
-@compiled("edges view f2 i0 values", edges=EDGE_MAP, view=VIEW, values=KERNEL_CONFIG)
-def edges_in_view(edges: EdgeMap, view: View, appearance: Array, most: int, values: KernelConfig) -> EdgesInView:
-    """Control points on the visible edges, about `most` where there are many, with their weights."""
+@compiled("edges view f2 i0 rounding values", edges=EDGE_MAP, view=VIEW, rounding=ROUNDING, values=KERNEL_CONFIG)
+def edges_in_view(
+    edges: EdgeMap, view: View, appearance: Array, most: int, rounding: Rounding, values: KernelConfig
+) -> EdgesInView:
+    """Control points on the visible edges, about `most` where there are many, rounded off, with their weights."""
     points = sample_edges(edges, view, values.spacing_px, most)
+    motion = motion_by_radius(points, edges, view)
+    move(points, motion, rounding.radius_m)
     lines = search_lines(points, edges.ends, edges.inward, view)
+    by_numbers = np.zeros((len(motion), rounding.numbers))
+    by_numbers[:, rounding.numbers - 1] = derivatives(lines, motion, rounding.unit_m, view)
     separate_px, weak_step = values.widths.separate_px, values.appearance.weak_step_grey
     weights = weights_in_view(lines, points, appearance, separate_px, weak_step, values.weights)
     rows = np.empty(len(points.first) - 1, np.int64)
     for g in range(len(rows)):
         rows[g] = points.rows[points.first[g]] // BINS
-    return EdgesInView(points, lines, weights.weight, weights.counts, rows)
+    return EdgesInView(points, lines, weights.weight, weights.counts, rows, by_numbers)
 
 
-@compiled("u3 points f1! view model values", points=CONTROL_POINTS, view=VIEW, model=EDGE_MODEL, values=KERNEL_CONFIG)
+@compiled(
+    "u3 points f1! f2! view model values", points=CONTROL_POINTS, view=VIEW, model=EDGE_MODEL, values=KERNEL_CONFIG
+)
 def measure_near(
-    image: Image, points: ControlPoints, weight: Array, view: View, model: EdgeModel, values: KernelConfig
+    image: Image,
+    points: ControlPoints,
+    weight: Array,
+    by_numbers: Array,
+    view: View,
+    model: EdgeModel,
+    values: KernelConfig,
 ) -> EdgeMeasurements:
     """Candidates of a short search about the control points at a view, with the variances of the points."""
     lines, half_px = search_lines(points, model.ends, model.inward, view), np.empty(len(weight))
@@ -145,8 +161,7 @@ def measure_near(
     weak_step = values.appearance.weak_step_grey
     found = search(image, lines, points.rows, model.appearance, half_px, weak_step, values.search)
     variance_px2 = point_variances(points, found, model.appearance, weak_step, values.weights)
-    none = np.zeros((len(weight), model.numbers))  # known to a fraction of the error of a search
-    return EdgeMeasurements(points, lines, found, weight, variance_px2, none)
+    return EdgeMeasurements(points, lines, found, weight, variance_px2, by_numbers)
 
 
 @compiled(
@@ -186,16 +201,19 @@ def locate(image: Image, fitted: Fitted, view: View, optics: Optics, model: Edge
     steps = refine_subpixel(image, lines, points, model.appearance, points_before, optics, values.weights)
     weak_step = values.appearance.weak_step_grey
     weight = contrast_weights(points.rows, model.appearance, weak_step, values.weights)
+    by_numbers, of_light = before.by_numbers.copy(), steps.by_response.shape[1]
     for p in range(len(weight)):
         if steps.steps[p] == 0:
             weight[p] = before.weight[p]
+        for k in range(of_light):
+            by_numbers[p, k] = steps.by_response[p, k]
     candidates = Candidates(steps.distance, before.candidates.contrast)
     moved = ControlPoints(steps.points, points.keys, points.rows, points.first)
     lines = SearchLines(steps.lines, lines.jacobian, lines.side)
-    measured = EdgeMeasurements(moved, lines, candidates, weight, steps.variance_px2, steps.by_response)
+    measured = EdgeMeasurements(moved, lines, candidates, weight, steps.variance_px2, by_numbers)
     last = values.widths.last
     estimate = refine(measured, fitted.matches, fitted.biases, fitted.prior, view, last, values.estimator)
-    return Located(estimate, steps.steps, steps.by_response)
+    return Located(estimate, steps.steps, by_numbers)
 
 
 @compiled(

@@ -30,7 +30,7 @@ class UnitWeight:
         used = fit.residuals
         if used is None or not used.steps.any():
             return
-        response, first = used.step.to_response, used.points.first
+        response, first = used.step.to_numbers, used.points.first
         seen = unchecked(edge_spread)(used.sums, used.edges, state, first, used.steps, response, fit.covariance)
         self.frames += 1
         new = max(self.rate, 1 / self.frames)

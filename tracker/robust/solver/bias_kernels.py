@@ -46,7 +46,7 @@ class Marginal(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """Expectation of D and, by r numbers of the response, how it falls with them (6, 1 + r); what is known."""
+    """Expectation of D and, by r numbers, how it falls with them (6, 1 + r); what is known."""
 
     D: Array
     known: Known
@@ -121,7 +121,7 @@ def explained_by_offsets(state: BiasState) -> Marginal:
 def linearize(biases: BiasesInView, R: Array, t: Array) -> LocalBiases:
     """Information on the biases from the edges in view and all others, at the linearization point (R, t).
 
-    The expectation of D is 0 at the response by which edges are located, of which the state says nothing itself.
+    The expectation of D is 0 at the numbers by which edges are located, of which the state says nothing itself.
     """
     state, known, edges = biases.state, biases.known, biases.edges
     n, every = len(edges.rows), known.of_kinds
@@ -155,22 +155,22 @@ def linearize(biases: BiasesInView, R: Array, t: Array) -> LocalBiases:
     centre = product(back, t)
     for i in range(3):
         centre[i] = -centre[i]
-    X = beside_response(transposed(adjoint(back, centre)), common)
+    X = beside_numbers(transposed(adjoint(back, centre)), common)
     cross, own, kind_vector = each_mapped(X, cross), of_kinds.information[:count].copy(), of_kinds.vector[:count].copy()
     of_kinds = KindSums(own, each_mapped(X, of_kinds.cross[:count]), kind_vector)
     expected = expected_offsets(information, vector, kinds, ties, of_kinds)
     A, v = congruence(X, A), product(X, v)
     biases_here = LocalBiases(A, v, cross, information, vector, kinds, ties, of_kinds, expected)
     if common > 6:
-        leave_response_open(biases_here)
+        leave_numbers_open(biases_here)
     return biases_here
 
 
 @compiled("biases", inner=True, biases=LOCAL_BIASES)
-def leave_response_open(biases: LocalBiases) -> None:
-    """Change the information on the response, in place, so that with all else marginalized there is none.
+def leave_numbers_open(biases: LocalBiases) -> None:
+    """Change the information on the numbers, in place, so that with all else marginalized there is none.
 
-    The offsets of edges by the response stay known. Frames that see the same offsets say no more of the response than
+    The offsets of edges by the numbers stay known. Frames that see the same offsets say no more of the numbers than
     one does, and the offsets' priors are not those that they had in earlier frames.
     """
     common, of_kinds = len(biases.vector), biases.of_kinds
@@ -212,7 +212,7 @@ def leave_response_open(biases: LocalBiases) -> None:
 
 
 @compiled("f2 i0", inner=True)
-def beside_response(X: Array, common: int) -> Array:
+def beside_numbers(X: Array, common: int) -> Array:
     """X (6, 6) of a twist, and the identity for the rest of so many unknowns."""
     out = np.eye(common)
     for i in range(6):
@@ -263,7 +263,7 @@ def accumulate(
     to_patches (6,): twist from the linearization point (R, t) of the sums to the pose by the patches.
     """
     common = len(state.vector)
-    X = beside_response(transposed(adjoint(R, t)), common)
+    X = beside_numbers(transposed(adjoint(R, t)), common)
     information, rest = congruence(X, sums.edge_information), np.empty(common)
     for i in range(common):
         rest[i] = sums.edge_vector[i]
@@ -290,7 +290,7 @@ def accumulate(
 
 @compiled("state", state=BIAS_STATE)
 def known_of(state: BiasState) -> Expected:
-    """What is known with all offsets marginalized, and D by the response."""
+    """What is known with all offsets marginalized, and D by the numbers."""
     spared, common = explained_by_offsets(state), len(state.vector)
     known, used_up, D = np.empty((common, common)), np.empty((6, 6)), np.empty((6, 1 + common - 6))
     for i in range(common):
@@ -310,16 +310,16 @@ def known_of(state: BiasState) -> Expected:
 def centre(state: BiasState, moved: Array, R: Array, t: Array) -> PatchError:
     """The patches' error as a twist of the camera at (R, t), which is subtracted from the state's vectors in place.
 
-    moved (r,): change of the response by which edges are located, which the state's vectors are relative to.
+    moved (r,): change of the numbers by which edges are located, which the state's vectors are relative to.
     """
-    by_response, known = known_of(state)
+    by_numbers, known = known_of(state)
     common, D = np.empty(len(state.vector)), np.empty(6)
     for k in range(len(moved)):
         common[6 + k] = moved[k]
     for i in range(6):
-        D[i] = by_response[i, 0]
+        D[i] = by_numbers[i, 0]
         for k in range(len(moved)):
-            D[i] -= by_response[i, 1 + k] * moved[k]
+            D[i] -= by_numbers[i, 1 + k] * moved[k]
         common[i] = D[i]
     explained = product(state.information, common)
     for i in range(len(common)):

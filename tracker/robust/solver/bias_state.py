@@ -22,7 +22,7 @@ class FrameSums(NamedTuple):
     """Normal equations of a frame, before the biases and the prior.
 
     For each edge in view: offset_weight (g,) sum of weights, offset_jacobian (g, 6 + r) of weight times Jacobian for
-    the pose and r numbers of the response, offset_residual (g,) of weight times residual. Over all control points:
+    the pose and r numbers that all edges share, offset_residual (g,) of weight times residual. Over all control points:
     edge_information (6 + r, 6 + r), edge_vector (6 + r,); over the patches: patch_information (6, 6), patch_vector
     (6,).
     """
@@ -48,7 +48,7 @@ class KindSums(NamedTuple):
 
 
 class BiasState(NamedTuple):
-    """Information on D and r numbers of the response, common to all edges, and on the offsets of all edges (e,).
+    """Information on D and r numbers that all edges share, and on the offsets of all edges (e,).
 
     information (6 + r, 6 + r) and vector (6 + r,) on what is common; cross (e, 6 + r) between it and an offset;
     offset_information (e,) and offset_vector (e,) on the offset itself, offset_prior (e,) the prior information on what
@@ -68,7 +68,7 @@ class BiasState(NamedTuple):
 
     @classmethod
     def unknown(cls, kinds: EdgeKinds, numbers: int = 0) -> "BiasState":
-        """Unit information on D, none on so many numbers of the response, nor on offsets of edges of these kinds."""
+        """Unit information on D, none on so many numbers, nor on offsets of edges of these kinds."""
         edges, common = len(kinds.kinds), 6 + numbers
         offsets = np.zeros((edges, common)), np.zeros(edges), np.zeros(edges), np.ones(edges)
         information = np.diag(np.repeat([1.0, 0.0], [6, numbers]))
@@ -96,7 +96,7 @@ class ExpectedOffsets(NamedTuple):
 class LocalBiases(NamedTuple):
     """Information on the biases at a linearization point, with D as a twist (6,) of the camera there.
 
-    information (6 + r, 6 + r) and vector (6 + r,) on D and the response, with the offsets of the edges in view and of
+    information (6 + r, 6 + r) and vector (6 + r,) on D and the numbers, with the offsets of the edges in view and of
     their kinds not marginalized; cross (g, 6 + r), offset_information (g,) and offset_vector (g,) of those of the
     edges. kinds (g,) rows of `of_kinds`, -1 for none, and ties (g,) the information between an edge's offset and that
     of its kind, to which the edge adds the absolute value. of_kinds: what the prior and the edges out of view say.
@@ -115,7 +115,7 @@ class LocalBiases(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Information (6 + r, 6 + r) on D and the response with all offsets marginalized, and the sums of the kinds."""
+    """Information (6 + r, 6 + r) on D and the numbers with all offsets marginalized, and the sums of the kinds."""
 
     information: Array
     of_kinds: KindSums

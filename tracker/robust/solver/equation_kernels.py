@@ -1,4 +1,4 @@
-"""Compiled normal equations of a pose, the patches' pose error and the response, and marginalization of the offsets.
+"""Compiled normal equations of a pose, the patches' pose error and the numbers, and marginalization of the offsets.
 
 Unknowns come in this order: 6, 6 and r. Of a matrix H only its lower half is kept.
 """
@@ -9,7 +9,7 @@ import numpy as np
 
 from uavbench.tracker.geometry_kernels import se3_log_left
 from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
-from uavbench.tracker.robust.solver.response_state import KNOWN_RESPONSE, KnownResponse
+from uavbench.tracker.robust.solver.number_state import KNOWN_NUMBERS, KnownNumbers
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import inlined
@@ -17,20 +17,20 @@ from uavbench.trajectories.pose import Array
 
 
 class PosePrior(NamedTuple):
-    """Predicted pose R (3, 3), t (3,) in m, its information (6, 6) in m^-2 and rad^-2, and the response as known."""
+    """Predicted pose R (3, 3), t (3,) in m, its information (6, 6) in m^-2 and rad^-2, and the numbers as known."""
 
     information: Array
     R: Array
     t: Array
-    response: KnownResponse
+    known: KnownNumbers
 
 
-POSE_PRIOR = named_tuple(PosePrior, "f2! f2! f1! response", response=KNOWN_RESPONSE)
+POSE_PRIOR = named_tuple(PosePrior, "f2! f2! f1! known", known=KNOWN_NUMBERS)
 
 
 @inlined
 def add_edges(sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View, H: Array, h: Array) -> None:
-    """Add what edges and priors say of the pose, the patches' pose error and the response to H (12 + r, 12 + r), its
+    """Add what edges and priors say of the pose, the patches' pose error and the numbers to H (12 + r, 12 + r), its
     lower half, and h (12 + r,), in place, without the offsets.
     """
     E, e, n = sums.edge_information, sums.edge_vector, len(h)

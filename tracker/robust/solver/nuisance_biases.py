@@ -32,8 +32,8 @@ NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 class NuisanceBiases:
     """State of the filter: information on the patches' pose error and on the offsets of all edges."""
 
-    def __init__(self, kinds: EdgeKinds, config: BiasConfig, numbers: int = 0) -> None:
-        self.config, self.nothing = config, BiasState.unknown(kinds, numbers + 1)
+    def __init__(self, kinds: EdgeKinds, config: BiasConfig, numbers: int = 0, sides: int = 1) -> None:
+        self.config, self.nothing = config, BiasState.unknown(kinds, numbers + sides)
         self.state = BiasState.unknown(kinds, numbers)
         self.known, self.known_of_nothing = known_of(self.state).known, known_of(self.nothing).known
 
@@ -49,13 +49,13 @@ class NuisanceBiases:
         return BiasesInView(self.state, self.known, edges)
 
     def before(self, edges: EdgeOffsets) -> BiasesInView:
-        """The biases with these edges in view before any frame, with an offset that all share as one number more."""
+        """The biases with these edges in view before any frame, with the offsets that all share as numbers more."""
         return BiasesInView(self.nothing, self.known_of_nothing, edges)
 
     def begin(self, edges: EdgeOffsets, sums: FrameSums, step: Step, prior: Array, pose: Pose) -> None:
         """Reset for patches created at a pose, from the sums of that frame and the information (6, 6) of a prior.
 
-        step: from the linearization point of the sums to that pose, and to the response by which it is that pose.
+        step: from the linearization point of the sums to that pose, and to the numbers by which it is that pose.
         """
         R, t = pose.rotation, pose.translation
         state = self.state
@@ -64,7 +64,7 @@ class NuisanceBiases:
         accumulate(state, edges, sums, step.to_fit, R, t, 1.0)
         state.information[:6, :6] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
         spared = explained_by_offsets(state)
-        state.vector[:] = spared.vector + (state.information - spared.information)[:, 6:] @ step.to_response
+        state.vector[:] = spared.vector + (state.information - spared.information)[:, 6:] @ step.to_numbers
         self.known = known_of(state).known
 
     def forget(self) -> None:
@@ -88,7 +88,7 @@ class NuisanceBiases:
         return self.follow(np.zeros(len(state.vector) - 6), pose)
 
     def follow(self, moved: Array, pose: Pose) -> Array:
-        """Follow a change (r,) of the response by which edges are located; the patches' error as a twist (6,)."""
+        """Follow a change (r,) of the numbers by which edges are located; the patches' error as a twist (6,)."""
         error = unchecked(centre)(self.state, moved, pose.rotation, pose.translation)
         self.known = error.known
         return error.twist

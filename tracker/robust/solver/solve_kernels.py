@@ -29,7 +29,7 @@ from uavbench.tracker.robust.solver.equation_kernels import (
     marginalize,
     marginalize_offsets,
 )
-from uavbench.tracker.robust.solver.response_kernels import with_prior
+from uavbench.tracker.robust.solver.number_kernels import with_prior
 from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT, Weighting, add_patches, add_points
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -47,7 +47,7 @@ class Step(NamedTuple):
     """Solution of the normal equations: information (6, 6) of the pose, and the twists (6,) to the pose of the patches
     alone and to that of all measurements.
 
-    told (6, 6): information of the pose if the response was known; to_response (r,): from that by which edges were
+    told (6, 6): information of the pose if the numbers were known; to_numbers (r,): from that by which edges were
     located to the most likely one.
     """
 
@@ -55,7 +55,7 @@ class Step(NamedTuple):
     to_patches: Array
     to_fit: Array
     told: Array
-    to_response: Array
+    to_numbers: Array
 
 
 class Estimate(NamedTuple):
@@ -86,9 +86,9 @@ def solve_step(
 ) -> bool:
     """Solve the normal equations of pose and biases, the biases marginalized, into `step`; False where singular.
 
-    (H, h) are those of the pose, of the patches' pose error and of the response, in this order.
+    (H, h) are those of the pose, of the patches' pose error and of the numbers, in this order.
     """
-    P, q, numbers = sums.patch_information, sums.patch_vector, len(prior.response.mean)
+    P, q, numbers = sums.patch_information, sums.patch_vector, len(prior.known.mean)
     n = 12 + numbers
     H, h = np.zeros((n, n)), np.zeros(n)
     add_edges(sums, biases, prior, view, H, h)
@@ -112,7 +112,7 @@ def solve_step(
     if not solve6(held, row, step.to_patches):
         return False
     eliminate(M, N)
-    F, f = np.zeros((6 + numbers, 6 + numbers)), np.empty(6 + numbers)  # of pose and response
+    F, f = np.zeros((6 + numbers, 6 + numbers)), np.empty(6 + numbers)  # of pose and numbers
     for i in range(6 + numbers):
         at = i if i < 6 else 6 + i
         f[i] = h[at]
@@ -126,7 +126,7 @@ def solve_step(
     for i in range(6):
         for j in range(6):
             step.told[i, j] = F[max(i, j), min(i, j)]
-    known = prior.response
+    known = prior.known
     root = with_prior(F, f, known)
     for k in range(6 + numbers - 1, 5, -1):
         variance = 1.0 / F[k, k]
@@ -138,13 +138,13 @@ def solve_step(
     if not solve6(A, b, step.to_fit):
         return False
     for k in range(numbers):
-        step.to_response[k] = known.mean[k]
+        step.to_numbers[k] = known.mean[k]
     for k in range(numbers):  # by the pose, and by the numbers before it
         for i in range(6 + k):
             f[6 + k] -= F[6 + k, i] * (step.to_fit[i] if i < 6 else f[i])
         f[6 + k] /= F[6 + k, 6 + k]
         for i in range(k, numbers):
-            step.to_response[i] += root[i, k] * f[6 + k]
+            step.to_numbers[i] += root[i, k] * f[6 + k]
     return True
 
 
@@ -174,7 +174,7 @@ def refine(
     n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
     R, t, local = view.R.copy(), view.t.copy(), linearize(biases, view.R, view.t)
     weighting = Weighting(np.zeros(n), np.zeros(n), np.zeros(m))
-    numbers = len(prior.response.mean)
+    numbers = len(prior.known.mean)
     step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros((6, 6)), np.zeros(numbers))
     sums = FrameSums(
         *(np.zeros(edges), np.zeros((edges, 6 + numbers)), np.zeros(edges)),
@@ -182,7 +182,7 @@ def refine(
     )
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
-        add_points(measured, local, prior.response, now, width_px, weighting, sums)
+        add_points(measured, local, prior.known, now, width_px, weighting, sums)
         # Once edges have told the pose, a patch that does not move with them is none of the structure's.
         told = np.count_nonzero(weighting.weight) >= UNKNOWNS and width_px == widths_px[-1]
         most_sigmas = EFFICIENT if told else np.inf

@@ -33,13 +33,13 @@ def edge_spread(
     state: BiasState,
     first: Indices,
     steps: Indices,
-    to_response: Array,
+    to_numbers: Array,
     covariance: Array,
 ) -> Spread:
     """Spread of the edges in view of which a control point is located between the pixels (steps > 0, of first[g] on).
 
     The residual of an edge has the variance of its own offset, of what it shares with its kind, and of its points.
-    to_response (r,): last step of the response; covariance (6, 6) of the pose, which takes degrees of freedom.
+    to_numbers (r,): last step of the numbers; covariance (6, 6) of the pose, which takes degrees of freedom.
     """
     count = len(state.kind_prior)
     weight, vector, rows, shared_px2 = np.zeros(count), np.zeros(count), np.zeros((count, 6)), np.zeros(count)
@@ -52,8 +52,8 @@ def edge_spread(
         if S[g] <= 0.0 or not located:
             continue
         residual = d[g] / S[g]
-        for i in range(len(to_response)):
-            residual -= s[g, 6 + i] / S[g] * to_response[i]
+        for i in range(len(to_numbers)):
+            residual -= s[g, 6 + i] / S[g] * to_numbers[i]
         a, k = 1.0 / (edges.variance_px2[g] + 1.0 / S[g]), state.kinds[edges.rows[g]]
         chi2 += a * residual * residual
         freedom += 1.0

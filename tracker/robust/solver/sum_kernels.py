@@ -12,7 +12,7 @@ from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import EdgeMeasurements
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
-from uavbench.tracker.robust.solver.response_state import KnownResponse
+from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
@@ -50,7 +50,7 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
 
 @inlined
 def add_row_of_pose(A: Array, b: Array, row: Array, d: float, w: float) -> None:
-    """As `add_row` of the 6 unknowns of a pose, whose known number makes it take less time."""
+    """As `add_row` of the 6 unknowns of a pose, the first of more, whose known number makes it take less time."""
     for i in range(6):
         wi = w * row[i]
         b[i] += wi * d
@@ -70,7 +70,7 @@ def mirror(A: Array) -> None:
 def add_points(
     measured: EdgeMeasurements,
     biases: LocalBiases,
-    response: KnownResponse,
+    known: KnownNumbers,
     view: View,
     width_px: float,
     weighting: Weighting,
@@ -79,7 +79,7 @@ def add_points(
     """Weigh the control points at the view's pose by the biweight, and sum them up, in place.
 
     Its cutoff is width_px; for points located by a single candidate it is EFFICIENT standard deviations of their
-    distance from the offset that their edge and the response are known to have, if that is less.
+    distance from the offset that their edge and the numbers are known to have, if that is less.
     """
     points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
     distance = measured.candidates.distance
@@ -91,7 +91,7 @@ def add_points(
         matrix[:] = 0.0
     for column in (S, d, e):
         column[:] = 0.0
-    by, numbers = measured.by_response, len(response.mean)
+    by, numbers = measured.by_numbers, len(known.mean)
     row, c = np.empty(6 + numbers), np.empty(3)
     located = distance.shape[1] == 1
     for g in range(len(first) - 1):
@@ -113,7 +113,7 @@ def add_points(
                 expected, variance = biases.expected.px[g], variance_px2[p] + biases.expected.variance_px2[g]
                 for i in range(numbers):
                     for j in range(numbers):
-                        variance += by[p, i] * response.covariance[i, j] * by[p, j]
+                        variance += by[p, i] * known.covariance[i, j] * by[p, j]
                 square_px2 = min(square_px2, EFFICIENT**2 * variance)
             for candidate in range(distance.shape[1]):
                 r = distance[p, candidate] - moved
@@ -131,12 +131,12 @@ def add_points(
                 d[g] += w * r_best
                 for i in range(6):
                     s[g, i] += w * row[i]
-                if numbers == 0:
-                    add_row_of_pose(E, e, row, r_best, w)
-                    continue
-                add_row(E, e, row, r_best, w)
+                add_row_of_pose(E, e, row, r_best, w)
                 for i in range(6, 6 + numbers):
                     s[g, i] += w * row[i]
+                    e[i] += w * row[i] * r_best
+                    for j in range(i + 1):
+                        E[i, j] += w * row[i] * row[j]
     mirror(E)
 
 

@@ -1,9 +1,10 @@
-"""Compiled sums of the response: what a frame says of it, and the equations of a pose with its prior."""
+"""Compiled sums of what all edges share: what a frame says of it, and the equations of a pose with its prior."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import eliminate
 from uavbench.tracker.robust.solver.bias_kernels import linearize
@@ -15,42 +16,46 @@ from uavbench.tracker.robust.solver.equation_kernels import (
     marginalize,
     marginalize_offsets,
 )
-from uavbench.tracker.robust.solver.response_state import KnownResponse
+from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
+Indices = NDArray[np.int64]
 
-class ResponseSeen(NamedTuple):
-    """What a frame says of the response: information (r, r) and vector (r,), relative to that which locates edges."""
+
+class NumbersSeen(NamedTuple):
+    """Information (r, r) of a frame on the numbers and vector (r,), relative to those by which edges are located."""
 
     information: Array
     vector: Array
 
 
 @compiled(
-    "sums biases prior view f0",
+    "sums biases prior view f0 i1",
     sums=FRAME_SUMS,
     biases=BIASES_IN_VIEW,
     prior=POSE_PRIOR,
     view=VIEW,
 )
-def response_seen(
-    sums: FrameSums, biases: BiasesInView, prior: PosePrior, view: View, shared_px2: float
-) -> ResponseSeen:
-    """What the edges of a frame say of the response, with pose and offsets marginalized.
+def numbers_seen(
+    sums: FrameSums, biases: BiasesInView, prior: PosePrior, view: View, shared_px2: float, sides: Indices
+) -> NumbersSeen:
+    """What the edges of a frame say of the numbers, with pose and offsets marginalized.
 
-    shared_px2: variance of an offset towards their darker sides that all edges share. biases: from before all frames,
-    with that offset as one number more, so that offsets that frames have in common do not count as known.
+    shared_px2: variance of each offset that all edges share, to the side to which a number of sides (k,) moves them.
+    biases: from before all frames, with these offsets as numbers, so that offsets that frames have in common do not
+    count as known.
     """
     local, numbers = linearize(biases, view.R, view.t), len(sums.edge_vector) - 6
-    n, last = 13 + numbers, 12 + numbers
+    n = 12 + numbers + len(sides)
     H, h = np.zeros((n, n)), np.zeros(n)
-    both = with_shared_offset(sums)
+    both = with_shared_offsets(sums, sides)
     add_edges(both, local, prior, view, H, h)
     marginalize_offsets(both, local, H, h)
-    variance = 1.0 / (H[last, last] + 1.0 / shared_px2)
-    marginalize(H[:last, :last], h[:last], H[last, :last], h[last] * variance, variance)
+    for last in range(n - 1, n - 1 - len(sides), -1):
+        variance = 1.0 / (H[last, last] + 1.0 / shared_px2)
+        marginalize(H[:last, :last], h[:last], H[last, :last], h[last] * variance, variance)
     M, N = np.empty((6, 6)), np.empty((6, 1 + numbers))
     information, vector = np.empty((numbers, numbers)), np.empty(numbers)
     for i in range(6):
@@ -68,25 +73,27 @@ def response_seen(
             information[k, m] = H[12 + max(k, m), 12 + min(k, m)]
             for i in range(6):
                 information[k, m] -= H[12 + k, i] * N[i, 1 + m]
-    return ResponseSeen(information, vector)
+    return NumbersSeen(information, vector)
 
 
 @inlined
-def with_shared_offset(sums: FrameSums) -> FrameSums:
-    """The sums with one number more, an offset of all edges to the side to which the first number moves them."""
-    n, edges = len(sums.edge_vector), len(sums.offset_weight)
-    J, A, v = np.empty((edges, n + 1)), np.zeros((n + 1, n + 1)), np.zeros(n + 1)
+def with_shared_offsets(sums: FrameSums, sides: Indices) -> FrameSums:
+    """The sums with numbers more, an offset of all edges to the side to which each number of sides (k,) moves them."""
+    n, edges, count = len(sums.edge_vector), len(sums.offset_weight), len(sides)
+    J, A, v = np.empty((edges, n + count)), np.zeros((n + count, n + count)), np.zeros(n + count)
     A[:n, :n], v[:n] = sums.edge_information, sums.edge_vector
     for g in range(edges):
-        side = np.sign(sums.offset_jacobian[g, 6])
-        J[g, n] = side * sums.offset_weight[g]
-        v[n] += side * sums.offset_residual[g]
-        A[n, n] += side * J[g, n]
         for i in range(n):
             J[g, i] = sums.offset_jacobian[g, i]
-            A[n, i] += side * J[g, i]
-    for i in range(n):
-        A[i, n] = A[n, i]
+        for k in range(count):
+            side = np.sign(J[g, 6 + sides[k]])
+            J[g, n + k] = side * sums.offset_weight[g]
+            v[n + k] += side * sums.offset_residual[g]
+            for i in range(n + k + 1):
+                A[n + k, i] += side * J[g, i]
+    for k in range(n, n + count):
+        for i in range(k):
+            A[i, k] = A[k, i]
     return FrameSums(
         *(sums.offset_weight, J, sums.offset_residual, A, v),
         *(sums.patch_information, sums.patch_vector),
@@ -94,11 +101,11 @@ def with_shared_offset(sums: FrameSums) -> FrameSums:
 
 
 @inlined
-def with_prior(F: Array, f: Array, known: KnownResponse) -> Array:
-    """Change the response in F (6 + r, 6 + r), its lower half, and f (6 + r,) to u, with its prior, in place.
+def with_prior(F: Array, f: Array, known: KnownNumbers) -> Array:
+    """Change the numbers in F (6 + r, 6 + r), its lower half, and f (6 + r,) to u, with its prior, in place.
 
-    The response is the mean and S u, u of unit variance and S S^T the covariance, so that one that is known for certain
-    has no infinite information. Returns S (r, r).
+    The numbers are the mean and S u, u of unit variance and S S^T the covariance, so that numbers known for certain
+    have no infinite information. Returns S (r, r).
     """
     r, S = len(known.mean), lower_root(known.covariance)
     for i in range(6):

@@ -1,0 +1,94 @@
+"""Compiled posterior of numbers that may be told: of each group of them it is known, or they are normal.
+
+A spike and a slab each (Mitchell & Beauchamp 1988): the posterior is a mixture over all cases.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.geometry_kernels import cholesky
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+
+class Slabs(NamedTuple):
+    """Groups of numbers, first[k] to first[k + 1] of group k, which are not 0 with the probabilities (k,) before."""
+
+    first: NDArray[np.int64]
+    probability: Array
+
+
+class Mixture(NamedTuple):
+    """Mean (r,) and covariance (r, r) of the numbers, and the probability (k,) that those of each group are not 0."""
+
+    mean: Array
+    covariance: Array
+    probability: Array
+
+
+SLABS = named_tuple(Slabs, "i1! f1!")
+
+
+@compiled("f2 f1 slabs f0", slabs=SLABS)
+def mixture(information: Array, vector: Array, slabs: Slabs, sigma: float) -> Mixture:
+    """The posterior by information (r, r) and vector (r,); numbers that are not 0 have the prior deviation sigma."""
+    n, groups = len(vector), len(slabs.probability)
+    cases = 1 << groups
+    weights, means, covariances = np.zeros(cases), np.zeros((cases, n)), np.zeros((cases, n, n))
+    for case in range(cases):
+        active, log = np.zeros(n), 0.0
+        for k in range(groups):
+            chosen = float((case >> k) & 1)
+            log += math.log(slabs.probability[k] if chosen else 1.0 - slabs.probability[k])
+            for i in range(slabs.first[k], slabs.first[k + 1]):
+                active[i] = chosen
+        whole, L = np.eye(n), np.eye(n)
+        for i in range(n):
+            for j in range(n):
+                whole[i, j] += active[i] * active[j] * sigma * sigma * information[i, j]
+        cholesky(whole, L)
+        for k in range(n):
+            log -= math.log(L[k, k])
+            column = solved(L, k)
+            for i in range(n):
+                covariances[case, i, k] = active[i] * active[k] * sigma * sigma * column[i]
+        for i in range(n):
+            for j in range(n):
+                means[case, i] += covariances[case, i, j] * vector[j]
+            log += 0.5 * means[case, i] * vector[i]
+        weights[case] = log
+    weights = np.exp(weights - weights.max())
+    weights /= weights.sum()
+    out = Mixture(np.zeros(n), np.zeros((n, n)), np.zeros(groups))
+    for case in range(cases):
+        for k in range(groups):
+            out.probability[k] += weights[case] * float((case >> k) & 1)
+        for i in range(n):
+            out.mean[i] += weights[case] * means[case, i]
+    for case in range(cases):
+        for i in range(n):
+            for j in range(n):
+                beside = (means[case, i] - out.mean[i]) * (means[case, j] - out.mean[j])
+                out.covariance[i, j] += weights[case] * (covariances[case, i, j] + beside)
+    return out
+
+
+@compiled("f2 i0", inner=True)
+def solved(L: Array, k: int) -> Array:
+    """Column k of the inverse of L L^T."""
+    n = len(L)
+    x = np.zeros(n)
+    x[k] = 1.0
+    for i in range(n):
+        for j in range(i):
+            x[i] -= L[i, j] * x[j]
+        x[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            x[i] -= L[j, i] * x[j]
+        x[i] /= L[i, i]
+    return x
