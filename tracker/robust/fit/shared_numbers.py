@@ -22,8 +22,8 @@ RADIUS_UNIT = 0.01
 """Unit of the radius, as a part of the smallest extent of the structure: by SIGMA, one radius in 20 is more than that.
 A carton of 0.3 m has a deviation of 1.5 mm, a hut of 3 m one of 15 mm."""
 IS_ROUNDED = 0.02
-"""Prior probability that a structure has round borders where its model has none. With 0.003 to 0.02 two of 15 and
-30 mm are learned to 2 mm; with even odds errors of sharp boxes are up to 17 % larger."""
+"""Prior probability that a structure has round borders where its model has none. With 0.003 to 0.05 those of 15 and
+30 mm of two structures are learned alike; with even odds errors of sharp boxes are up to 17 % larger."""
 
 
 class SharedNumbers:
