@@ -105,11 +105,27 @@ def test_the_posterior_is_that_of_all_cases():
         means.append(mean)
         squares.append(covariance + np.outer(mean, mean))
     weights = np.array(odds) / np.sum(odds)
-    found = mixture(information, vector, Slabs(np.array([0, 2, 3]), np.array(chances)), SIGMA)
+    found = mixture(information, vector, Slabs(np.array([0, 2, 3]), np.array(chances), np.zeros(2, dtype=bool)), SIGMA)
     np.testing.assert_allclose(found.mean, weights @ means)
     square = np.tensordot(weights, squares, 1)
     np.testing.assert_allclose(found.covariance, square - np.outer(found.mean, found.mean), atol=1e-12)
     np.testing.assert_allclose(found.probability, [weights[2] + weights[3], weights[1] + weights[3]])
+
+
+@pytest.mark.parametrize("told", [0.0, 2.0, 4.0])
+def test_of_a_decided_group_the_likelier_case_counts_alone(told):
+    """What may be there, and is not likely, adds nothing to what is uncertain; the other group stays a mixture."""
+    information, vector, chances = np.diag([4.0, 30.0]), np.array([1.0, told * 5.0]), np.array([0.5, 0.02])
+    first = np.array([0, 1, 2])
+    both = mixture(information, vector, Slabs(first, chances, np.zeros(2, dtype=bool)), SIGMA)
+    found = mixture(information, vector, Slabs(first, chances, np.array([False, True])), SIGMA)
+    np.testing.assert_allclose(found.probability, both.probability)
+    np.testing.assert_allclose([found.mean[0], found.covariance[0, 0]], [both.mean[0], both.covariance[0, 0]])
+    rounded = both.probability[1] > 0.5
+    assert rounded == (told == 4.0)
+    variance = 1.0 / (30.0 + SIGMA**-2) if rounded else 0.0
+    assert found.covariance[1, 1] == pytest.approx(variance)
+    assert found.mean[1] == pytest.approx(variance * vector[1])
 
 
 def learned(radius, frames=30, edges=40, sigma_px=0.05):

@@ -16,10 +16,14 @@ from uavbench.trajectories.pose import Array
 
 
 class Slabs(NamedTuple):
-    """Groups of numbers, first[k] to first[k + 1] of group k, which are not 0 with the probabilities (k,) before."""
+    """Groups of numbers, first[k] to first[k + 1] of group k, which are not 0 with the probabilities (k,) before.
+
+    decided (k,): whether the numbers of a group are 0 unless it is likelier that they are not, in place of both.
+    """
 
     first: NDArray[np.int64]
     probability: Array
+    decided: NDArray[np.bool_]
 
 
 class Mixture(NamedTuple):
@@ -30,7 +34,7 @@ class Mixture(NamedTuple):
     probability: Array
 
 
-SLABS = named_tuple(Slabs, "i1! f1!")
+SLABS = named_tuple(Slabs, "i1! f1! b1!")
 
 
 @compiled("f2 f1 slabs f0", slabs=SLABS)
@@ -67,6 +71,12 @@ def mixture(information: Array, vector: Array, slabs: Slabs, sigma: float) -> Mi
     for case in range(cases):
         for k in range(groups):
             out.probability[k] += weights[case] * float((case >> k) & 1)
+    for case in range(cases):
+        for k in range(groups):
+            if slabs.decided[k] and ((case >> k) & 1) != (out.probability[k] > 0.5):
+                weights[case] = 0.0
+    weights /= weights.sum()
+    for case in range(cases):
         for i in range(n):
             out.mean[i] += weights[case] * means[case, i]
     for case in range(cases):

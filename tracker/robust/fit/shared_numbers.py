@@ -38,7 +38,9 @@ class SharedNumbers:
         of_light = self.response.numbers
         self.count = n = of_light + 1
         first = [0, of_light, n] if of_light else [0, n]
-        self.slabs = Slabs(np.array(first), np.array([IS_ANOTHER, IS_ROUNDED][-len(first) + 1 :]))
+        groups = len(first) - 1
+        chances, decided = np.array([IS_ANOTHER, IS_ROUNDED]), np.array([False, True])
+        self.slabs = Slabs(np.array(first), chances[-groups:].copy(), decided[-groups:].copy())
         self.information, self.vector = np.zeros((n, n)), np.zeros(n)
         self.posterior = mixture(self.information, self.vector, self.slabs, SIGMA)
         self.at, self.unmoved, self.unasked_s = np.zeros(n), np.zeros(n), 0.0
