@@ -466,7 +466,7 @@ def test_cameras_of_users_are_read(tmp_path, values):
         ({"fy": 0.8}, r"fy = 0\.8 px is too short for 480 px"),
         ({"distortion_model": "equidistant", "distortion": [0.0] * 4, "fx": 90.0}, r"fx = 90 px is too short"),
         ({"distortion_model": "radtan", "distortion": [-1.5, 0.0, 0.0, 0.0]}, r"folds over before pixel \(0, 240\)"),
-        ({"distortion_model": "radtan", "distortion": [-0.28, 0.07, 0.9, 0.0]}, r"are they k1, k2, p1, p2"),
+        ({"distortion_model": "radtan", "distortion": [-0.28, 0.07, 0.9, 0.0]}, r"the order is k1, k2, p1, p2, k3"),
     ],
 )
 def test_numbers_that_no_camera_of_these_images_has_are_told(tmp_path, values, message):

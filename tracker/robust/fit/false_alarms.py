@@ -128,7 +128,7 @@ def log10_bound(ratios: Array) -> float:
     return float(-(most + math.log(total / len(ratios))) / math.log(10.0))
 
 
-@compiled("found i1", found=FOUND)
+@compiled("found i1", inner=True, found=FOUND)
 def chance(found: Found, lines: Indices) -> Chance:
     """Bounds on the probability that a random pose finds as much; lines (g,) of the edges: see `lines_of_edges`."""
     of_edges = ratios_of_edges(found, lines)
@@ -136,7 +136,7 @@ def chance(found: Found, lines: Indices) -> Chance:
     return Chance(min(0.0, edges), min(0.0, min(edges, whole) + math.log10(2.0)))
 
 
-@compiled("f2 f1 f2! i1! f0")
+@compiled("f2 f1 f2! i1! f0", inner=True)
 def lines_of_edges(R: Array, t: Array, points: Array, first: Indices, apart_rad: float) -> Indices:
     """The line of the image (g,) that each edge is seen on at a pose, named by the longest edge there.
 
