@@ -207,6 +207,25 @@ def cholesky(S: Array, L: Array) -> bool:
     return True
 
 
+@compiled("f2 f2", inner=True)
+def solved(L: Array, B: Array) -> Array:
+    """X with L L' X = B."""
+    n, m = B.shape
+    X = B.copy()
+    for c in range(m):
+        for i in range(n):
+            s = X[i, c]
+            for k in range(i):
+                s -= L[i, k] * X[k, c]
+            X[i, c] = s / L[i, i]
+        for i in range(n - 1, -1, -1):
+            s = X[i, c]
+            for k in range(i + 1, n):
+                s -= L[k, i] * X[k, c]
+            X[i, c] = s / L[i, i]
+    return X
+
+
 @compiled("f2! f2!", inner=True)
 def eliminate(M: Array, N: Array) -> None:
     """Replace N (6, k) by M^-1 N, by Gauss-Jordan elimination with partial pivoting; M (6, 6) is overwritten."""

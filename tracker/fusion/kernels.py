@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import cholesky, combination, so3_exp, so3_left_jacobian
+from uavbench.tracker.geometry_kernels import cholesky, combination, so3_exp, so3_left_jacobian, solved
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -185,25 +185,6 @@ def is_positive(P: Array) -> bool:
             if not math.isfinite(P[i, j]):
                 return False
     return math.isfinite(trace) and cholesky(P, np.zeros(P.shape))
-
-
-@compiled("f2 f2", inner=True)
-def solved(L: Array, B: Array) -> Array:
-    """X with L L' X = B."""
-    n, m = B.shape
-    X = B.copy()
-    for c in range(m):
-        for i in range(n):
-            s = X[i, c]
-            for k in range(i):
-                s -= L[i, k] * X[k, c]
-            X[i, c] = s / L[i, i]
-        for i in range(n - 1, -1, -1):
-            s = X[i, c]
-            for k in range(i + 1, n):
-                s -= L[k, i] * X[k, c]
-            X[i, c] = s / L[i, i]
-    return X
 
 
 @compiled("f1 f2!", allocates=False)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import cholesky
+from uavbench.tracker.geometry_kernels import cholesky, solved
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -55,11 +55,11 @@ def mixture(information: Array, vector: Array, slabs: Slabs, sigma: float) -> Mi
             for j in range(n):
                 whole[i, j] += active[i] * active[j] * sigma * sigma * information[i, j]
         cholesky(whole, L)
+        inverse = solved(L, np.eye(n))
         for k in range(n):
             log -= math.log(L[k, k])
-            column = solved(L, k)
             for i in range(n):
-                covariances[case, i, k] = active[i] * active[k] * sigma * sigma * column[i]
+                covariances[case, i, k] = active[i] * active[k] * sigma * sigma * inverse[i, k]
         for i in range(n):
             for j in range(n):
                 means[case, i] += covariances[case, i, j] * vector[j]
@@ -85,20 +85,3 @@ def mixture(information: Array, vector: Array, slabs: Slabs, sigma: float) -> Mi
                 beside = (means[case, i] - out.mean[i]) * (means[case, j] - out.mean[j])
                 out.covariance[i, j] += weights[case] * (covariances[case, i, j] + beside)
     return out
-
-
-@compiled("f2 i0", inner=True)
-def solved(L: Array, k: int) -> Array:
-    """Column k of the inverse of L L^T."""
-    n = len(L)
-    x = np.zeros(n)
-    x[k] = 1.0
-    for i in range(n):
-        for j in range(i):
-            x[i] -= L[i, j] * x[j]
-        x[i] /= L[i, i]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            x[i] -= L[j, i] * x[j]
-        x[i] /= L[i, i]
-    return x
