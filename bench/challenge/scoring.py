@@ -1,14 +1,17 @@
 """`uavbench score-submission`: a submission against the organizer's ground truth."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.bench.challenge.organizer import Challenge, Hidden
 from uavbench.bench.challenge.submission import Fault, find_submission
 from uavbench.bench.challenge.submitted_poses import Frames, Rows, read_submitted
+from uavbench.reports.evaluation.plausibility import doubts
 from uavbench.reports.leaderboard.submission_score import SequenceScore, SubmissionScore
+from uavbench.reports.metrics.association import Matches, paired
 from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.scoring.points import hilti_score
@@ -16,6 +19,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import stride
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.trajectory import Trajectory
 
 
 def score_submission(truth: Path, folder: Path) -> SubmissionScore:
@@ -49,6 +53,7 @@ def _score(
     if path is not None:
         rows, found = read_submitted(path, where, wanted)
     faults += found
+    faults += [Fault("doubtful", where, what) for what in _doubts(sequence, frames, rows, path)]
     errors = frame_errors(sequence, _results(sequence, challenge.rate_hz, frames, rows))
     return SequenceScore(
         flight=hidden.flight,
@@ -61,9 +66,21 @@ def _score(
     )
 
 
-def _results(
-    sequence: Sequence, rate_hz: float, frames: "np.ndarray[tuple[int], np.dtype[np.int64]]", rows: Rows
-) -> Results:
+def _doubts(sequence: Sequence, frames: NDArray[np.int64], rows: Rows, path: Path | None) -> Iterator[str]:
+    """Likely mistakes in units, directions and quaternions of submitted poses, compared in the file's direction."""
+    located = [(int(frame), row.cam_from_world) for frame, row in zip(frames, rows, strict=True) if row.cam_from_world]
+    if not located or path is None:
+        return
+    stamps = [int(sequence.stamps_ns[frame]) for frame, _ in located]
+    given = [pose for _, pose in located]
+    true = [sequence.true_cam_from_world(frame) for frame, _ in located]
+    both = [[p.inverse() for p in poses] if path.suffix == ".tum" else poses for poses in (true, given)]
+    reference, estimate = (Trajectory.from_poses(stamps, poses) for poses in both)
+    every = np.arange(len(located))
+    yield from doubts(reference, estimate, paired(reference, estimate, Matches(every, every)), "none")
+
+
+def _results(sequence: Sequence, rate_hz: float, frames: NDArray[np.int64], rows: Rows) -> Results:
     record: Mapping[str, object] = {
         "tracker": {"kind": "a submission"},
         "rate_hz": rate_hz,

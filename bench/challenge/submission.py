@@ -32,7 +32,8 @@ FAULTS = {
     "foreign-file": "it is not read; send one file for each sequence, and submission.toml",
     "unreadable": "the sequence counts as failed",
     "no-frame": "the sequence counts as failed; repeat the stamps of frames.csv",
-    "bad-rows": "their frames count as failed",
+    "bad-rows": "frames without a valid row count as failed; of several rows of a frame the first one is scored",
+    "doubtful": "it is scored as it is; CSV: cam_from_model, m, qw first; TUM: the camera in the model, m, qw last",
 }
 """Name of each fault of a submission -> its consequence and remedy."""
 

@@ -16,6 +16,7 @@ from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MB
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import declared_frame, read_trajectory
 
 LARGEST_TUM_BYTES = 64 * MB
@@ -82,7 +83,7 @@ def _of_tum(path: Path, where: str, frames: Frames) -> SubmittedPoses:
     nearest = _nearest(trajectory.stamps_ns, frames.stamps_ns)
     if (nearest < 0).all():
         ms = MOST_STAMP_DIFFERENCE_NS / 1e6
-        what = f"no frame is within {ms:g} ms of one of its {len(trajectory)} poses"
+        what = f"no frame is within {ms:g} ms of one of its {len(trajectory)} poses; {_spans(trajectory, frames)}"
         return SubmittedPoses(frames.lost, [Fault("no-frame", where, what)])
     mount = frames.cam_from_body if frame == "world_from_body" else Pose.identity()
     rows = tuple(
@@ -92,8 +93,14 @@ def _of_tum(path: Path, where: str, frames: Frames) -> SubmittedPoses:
         for row in nearest.tolist()
     )
     missing = int((nearest < 0).sum())
-    named = [Fault("bad-rows", where, f"{missing} of {len(nearest)} frames have no pose")] if missing else []
-    return SubmittedPoses(rows, named)
+    what = f"{missing} of {len(nearest)} frames have no pose; {_spans(trajectory, frames)}"
+    return SubmittedPoses(rows, [Fault("bad-rows", where, what)] if missing else [])
+
+
+def _spans(trajectory: Trajectory, frames: Frames) -> str:
+    """Which seconds the poses of a file and the frames span, which shows stamps in another unit."""
+    given, wanted = (f"{s[0] / 1e9:.10g} to {s[-1] / 1e9:.10g} s" for s in (trajectory.stamps_ns, frames.stamps_ns))
+    return f"its stamps are {given}, those of the frames {wanted}"
 
 
 def _nearest(given_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -157,6 +157,71 @@ def test_what_is_missing_or_wrong_counts_as_failed_and_is_named(challenge, submi
     assert all(NAMES[1] in text and "\n" not in text for text in found.faults)
 
 
+def reread(kind, sequence):
+    """Rows of a CSV file with the true poses, of which one convention is mistaken."""
+    lines = [",".join(POSE_HEADER)]
+    for frame in range(len(sequence)):
+        pose = sequence.true_cam_from_world(frame)
+        pose = pose.inverse() if kind == "inverted" else pose
+        position = pose.translation * (1000 if kind == "millimetres" else 1)
+        quaternion = np.roll(pose.quaternion_wxyz, -1 if kind == "w last" else 0)
+        numbers = [*position.tolist(), *quaternion.tolist()]
+        lines.append(",".join(map(str, [int(sequence.stamps_ns[frame]), "ok", *numbers])))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("inverted", "poses were inverted"), ("millimetres", "in metres"), ("w last", "read w last"), ("right", "")],
+)
+def test_poses_of_another_convention_are_doubted(challenge, submitted, kind, said):
+    (submitted / f"{NAMES[1]}.csv").write_text(reread(kind, truths(challenge)[NAMES[1]]))
+    found = score_submission(challenge / "kept", submitted)
+    assert found.score == (100.0 if kind == "right" else 50.0)
+    assert names_of(found) == (["doubtful"] if said else [])
+    assert all(said in fault and NAMES[1] in fault for fault in found.faults)
+
+
+def test_a_tum_file_with_its_quaternions_w_first_is_doubted(challenge, submitted):
+    sequence = truths(challenge)[NAMES[1]]
+    poses = [sequence.true_cam_from_world(frame).inverse() for frame in range(len(sequence))]
+    rows = [
+        [stamp / 1e9, *pose.translation.tolist(), *pose.quaternion_wxyz.tolist()]
+        for stamp, pose in zip(sequence.stamps_ns.tolist(), poses, strict=True)
+    ]
+    (submitted / f"{NAMES[1]}.csv").unlink()
+    (submitted / f"{NAMES[1]}.tum").write_text("".join(" ".join(map(str, row)) + "\n" for row in rows))
+    found = score_submission(challenge / "kept", submitted)
+    assert names_of(found) == ["doubtful"] and "read w first" in found.faults[0]
+
+
+def test_a_tum_file_with_stamps_in_nanoseconds_is_told_the_seconds_of_both(challenge, submitted):
+    sequence = truths(challenge)[NAMES[1]]
+    (submitted / f"{NAMES[1]}.csv").unlink()
+    lines = [f"{stamp} 0 0 0 0 0 0 1\n" for stamp in sequence.stamps_ns.tolist()]
+    (submitted / f"{NAMES[1]}.tum").write_text("".join(lines))
+    found = score_submission(challenge / "kept", submitted)
+    last = int(sequence.stamps_ns[-1])
+    assert f"its stamps are 0 to {last} s, those of the frames 0 to {last / 1e9:.10g} s" in found.faults[0]
+
+
+def test_a_second_row_of_a_frame_is_not_said_to_cost_it(challenge, submitted):
+    path = submitted / f"{NAMES[1]}.csv"
+    path.write_text(path.read_text() + path.read_text().splitlines()[1] + "\n")
+    found = score_submission(challenge / "kept", submitted)
+    assert found.score == 100.0 and "of several rows of a frame the first one is scored" in found.faults[0]
+
+
+def test_a_score_that_another_submission_of_the_name_replaces_is_told(challenge, submitted, tmp_path):
+    other = tmp_path / "other" / submitted.name
+    other.mkdir(parents=True)
+    (other / f"{NAMES[0]}.csv").write_text((submitted / f"{NAMES[0]}.csv").read_text())
+    command = ["score-submission", str(challenge / "kept"), "--out", str(tmp_path / "score.json")]
+    said = [CliRunner().invoke(main, [*command, str(folder)]).output for folder in (submitted, submitted, other)]
+    assert ["replaced" in each for each in said] == [False, False, True]
+    assert "replaced the score of 100.0 points" in said[2] and "submission.toml" in said[2]
+
+
 def test_files_that_are_none_of_a_submission_are_named_and_not_read(challenge, submitted):
     (submitted / "virus\x1b[31m.exe").write_text("")
     (submitted / "sequence-99.csv").write_text("")
