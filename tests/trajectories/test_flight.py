@@ -161,7 +161,7 @@ def test_feed_forward_is_worth_having() -> None:
             Mount(offset_m=(0.8, 0, -0.3)),
             "camera is inside the structure",
         ),
-        (FlightSpec(path=Hover(), airframe=Crazyflie(max_thrust_n=0.06)), BOX, Mount(), "unreachable speed"),
+        (FlightSpec(path=Hover(), airframe=Crazyflie(max_thrust_n=0.06)), BOX, Mount(), "its weight is 0.2648 N"),
         (FlightSpec(path=Approach(near_m=2.0, far_m=1.0)), BOX, Mount(), "near_m 2.0 must be less than far_m"),
         (FlightSpec(path=UndersidePass(stretch_m=(2.0, -2.0))), DECK, Mount(), "must be increasing"),
         (FlightSpec(path=UndersidePass(overrun_m=-7.0)), DECK, Mount(), "leaves no path"),

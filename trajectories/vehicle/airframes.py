@@ -3,7 +3,7 @@
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -12,6 +12,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 
 Positive = Annotated[float, Gt(0)]
+Sign = Literal[-1, 1]
 Planar = tuple[float, float]
 Triple = tuple[float, float, float]
 
@@ -38,7 +39,7 @@ class Crazyflie:
     mass_kg: Positive = 0.027
     inertia_kg_m2: tuple[Positive, Positive, Positive] = (1.657e-5, 1.666e-5, 2.926e-5)
     rotors_m: tuple[Planar, Planar, Planar, Planar] = x_layout(0.046)
-    yaw_signs: tuple[int, int, int, int] = (-1, 1, -1, 1)
+    yaw_signs: tuple[Sign, Sign, Sign, Sign] = (-1, 1, -1, 1)
     torque_per_thrust_m: Positive = 0.00596
     motor_time_constant_s: Positive = 0.065
     min_thrust_n: Annotated[float, Ge(0)] = 0.0

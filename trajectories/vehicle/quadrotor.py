@@ -5,6 +5,7 @@ and crashes together with the image renderer, so the variable is set to `disable
 """
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -24,6 +25,12 @@ MASS_KG = (1e-4, 1e4)
 """Plausible masses of an airframe in kg: from robots of the size of insects (0.1 g) beyond the largest air taxis."""
 INERTIA_KG_M2 = (1e-10, 1e6)
 """Plausible principal moments of inertia in kg m^2: MASS_KG at radii of gyration from 1 mm to 10 m."""
+LAG_S = (STEP_S, 2.0)
+"""Motor lags in s: those below a step of the simulation are integrated wrongly; large multicopters have 0.1 to 0.5."""
+MOST_THRUST_TO_WEIGHT = 50.0
+"""Largest ratio of thrust to weight: three times that of racing drones, and far below a unit of grams for newtons."""
+FASTEST_ROTOR_RAD_S = 1e4
+"""Fastest rotor, 95,000 rpm: beyond motors of the smallest racing drones (25,000 rpm/V, 3.8 V) under load."""
 
 
 def physics() -> ModuleType:
@@ -89,7 +96,7 @@ class Quadrotor:
         allocation = np.column_stack(rows)
         if np.linalg.matrix_rank(allocation) < 4:
             raise UserError("an airframe's four rotors must reach thrust, roll, pitch and yaw independently")
-        return cls(
+        vehicle = cls(
             xml=xml,
             mass_kg=float(model.body_mass[1]),
             inertia_kg_m2=read_only(exact.product(axes * np.array(model.body_inertia[1]), axes.T)),
@@ -102,6 +109,8 @@ class Quadrotor:
             body_drag_kg_m=_numeric(model, "body_drag", 3),
             radius_m=float(_numeric(model, "radius", 1)[0]),
         )
+        _refuse_impossible(vehicle)
+        return vehicle
 
     def rotor_speeds(self, thrusts_n: Array) -> Array:
         """Rotor speeds, rad/s, of steady thrusts: the positive root of the thrust map."""
@@ -156,3 +165,63 @@ def _numeric(model: Any, name: str, size: int) -> Array:
         raise UserError(f'an airframe\'s MJCF needs <custom><numeric name="{name}"> with {size} numbers')
     start = model.numeric_adr[index]
     return read_only(model.numeric_data[start : start + size])
+
+
+def _refuse_impossible(vehicle: Quadrotor) -> None:
+    """UserError naming all numbers of an airframe that no vehicle can have, and their units."""
+    if found := [*_of_size(vehicle), *_of_motors(vehicle), *_of_drag(vehicle)]:
+        raise UserError("; ".join(f"an airframe's {each}" for each in found))
+
+
+def _of_size(vehicle: Quadrotor) -> Iterator[str]:
+    """Rotors and masses lie within the sphere to keep clear; the torque of a rotor is that of forces within it."""
+    _, y_m, x_m, lever_m = np.abs(vehicle.allocation)
+    radius_m = vehicle.radius_m
+    if not (arm_m := float(np.hypot(x_m, y_m).max())) <= radius_m:
+        yield (
+            f"rotors lie up to {arm_m:g} m from its middle, outside of its radius of {radius_m:g} m, the sphere "
+            "that is kept clear of everything: give rotors_m and radius_m in metres, the radius with the propellers"
+        )
+    if not lever_m.max() < radius_m:
+        yield (
+            f"torque_per_thrust_m {lever_m.max():g} is not below radius_m {radius_m:g}; give the torque of a rotor in "
+            "N m for each newton of its thrust"
+        )
+    largest = float(np.linalg.eigvalsh(vehicle.inertia_kg_m2)[-1])
+    if not largest <= vehicle.mass_kg * radius_m**2:
+        yield (
+            f"moment of inertia of {largest:g} kg m^2 is larger than that of its whole mass of {vehicle.mass_kg:g} kg "
+            f"at radius_m {radius_m:g}; check the units of inertia_kg_m2 (1 g cm^2 is 1e-7), mass_kg and radius_m"
+        )
+
+
+def _of_motors(vehicle: Quadrotor) -> Iterator[str]:
+    """Rotors hold the weight, within the speeds of motors, and follow their commands."""
+    least_n, most_n, weight_n = 4 * vehicle.min_thrust_n, 4 * vehicle.max_thrust_n, vehicle.mass_kg * GRAVITY_M_S2
+    if not (least_n < weight_n < most_n <= MOST_THRUST_TO_WEIGHT * weight_n):
+        yield (
+            f"four rotors give {least_n:.4g} to {most_n:.4g} N, and its weight is {weight_n:.4g} N, which must lie "
+            f"between them, and be at least 1 / {MOST_THRUST_TO_WEIGHT:g} of the most; check mass_kg (kg), "
+            "min_thrust_n and max_thrust_n (N of each rotor)"
+        )
+    if not LAG_S[0] <= vehicle.motor_time_constant_s <= LAG_S[1]:
+        yield (
+            f"motor_time_constant_s {vehicle.motor_time_constant_s:g} is not between {LAG_S[0]:g} and {LAG_S[1]:g}; "
+            "give it in seconds"
+        )
+    rising = np.isfinite(vehicle.thrust_map_n).all() and vehicle.thrust_map_n[2] > 0
+    speeds = vehicle.rotor_speeds(np.array([weight_n / 4, vehicle.max_thrust_n])) if rising else np.full(2, np.nan)
+    if not (speeds[0] > 0 and speeds[1] <= FASTEST_ROTOR_RAD_S):
+        yield (
+            f"thrust_map_n {vehicle.thrust_map_n.tolist()} has rotor speeds of {speeds[0]:.4g} rad/s in hover and "
+            f"{speeds[1]:.4g} at max_thrust_n, not above 0 and at most {FASTEST_ROTOR_RAD_S:g}; give c0, c1, c2 of "
+            "thrust in N over rad/s (of rpm: c1 times 9.549, c2 times 91.19), c2 above 0"
+        )
+
+
+def _of_drag(vehicle: Quadrotor) -> Iterator[str]:
+    """Drag brakes."""
+    for key in ("rotor_drag_kg", "body_drag_kg_m"):
+        drag = getattr(vehicle, key)
+        if not ((drag >= 0) & np.isfinite(drag)).all():
+            yield f"{key} {drag.tolist()} has a number below 0 or none; write drag as positive numbers, which brake"
