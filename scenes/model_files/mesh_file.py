@@ -80,6 +80,8 @@ class MeshFile:
 
     def _of(self, painted: Callable[[], Material]) -> BuiltStructure:
         path = Path(self.path)
+        if path.suffix.lower() == ".ifc" and self.unit != "m":
+            raise UserError(f'{path}: IFC names its own unit, and is read in metres; delete unit = "{self.unit}"')
         pieces = _in_agreement([self._placed(piece) for piece in read(path)])
         vertices, triangles = _whole(pieces)
         check(path, vertices, triangles, allow_open=self.allow_open)

@@ -86,6 +86,15 @@ def test_an_ifc_model_is_read_with_its_units_places_and_colours(tmp_path: Path) 
     assert red.tint[0, 0] > 5 * red.tint[0, 1]
 
 
+def test_a_unit_beside_that_of_the_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "shed.ifc"
+    path.write_text(STEP)
+    with pytest.raises(
+        UserError, match=r'shed\.ifc: IFC names its own unit, and is read in metres; delete unit = "mm"'
+    ):
+        MeshFile(path=str(path), unit="mm").build(np.random.default_rng(0))
+
+
 @needs_ifc
 def test_the_library_is_never_in_our_process(tmp_path: Path) -> None:
     build(tmp_path, STEP)
