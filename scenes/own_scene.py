@@ -1,7 +1,7 @@
 """Checks of what users' structures, environments and clutter build: no file and no image tells of it later."""
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,6 +28,34 @@ BRIGHTEST = 100.0
 """Largest linear radiance of a lamp or the ambient light: the sun of `outdoor` has about 5."""
 
 Built = TypeVar("Built", BuiltStructure, BuiltEnvironment, BuiltClutter)
+
+
+def same_twice(plugin: object, build: Callable[[], Built]) -> Built:
+    """What `build` builds of a user's plug-in; UserError unless it builds the same a second time.
+
+    What depends on more than its parameters and the generator given to it differs in every run of one seed.
+    """
+    built = build()
+    if not _alike(built, build()):
+        raise UserError(
+            f"{_name(plugin)}: build gives something else each time; take all random numbers from the `rng` that it is "
+            "given, and nothing from the clock, the order of a set, or an earlier call"
+        )
+    return built
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two values are equal, with the arrays in them; functions are taken to be."""
+    if isinstance(one, np.ndarray):
+        same = isinstance(other, np.ndarray) and (one.dtype, one.shape) == (other.dtype, other.shape)
+        return same and one.tobytes() == other.tobytes()
+    if type(one) is not type(other):
+        return False
+    if is_dataclass(one):
+        return all(_alike(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    return not isinstance(one, str | int | float) or bool(one == other)
 
 
 def own_structure(plugin: object, found: Any) -> BuiltStructure:

@@ -10,7 +10,7 @@ import numpy as np
 
 from uavbench.scenes.clutter.registry import CLUTTER, ON_GROUND
 from uavbench.scenes.materials.grain import grained
-from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure
+from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure, same_twice
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
 from uavbench.scenes.renderables import (
     BuiltClutter,
@@ -164,7 +164,7 @@ def _built(spec: SequenceSpec) -> BuiltStructure:
     """The structure of a spec as designed; one that depends on a file or on a user's code is built on every call."""
     structure = spec.structure
     if type(structure) not in STRUCTURES.values():
-        return own_structure(structure, structure.build(stream(spec.seed, "structure")))
+        return same_twice(structure, lambda: own_structure(structure, structure.build(stream(spec.seed, "structure"))))
     if hasattr(structure, "entering_files"):
         return structure.build(stream(spec.seed, "structure"))
     hashable: Any = structure  # as a frozen dataclass of numbers is
@@ -181,8 +181,10 @@ def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
 def _placed(spec: SequenceSpec, number: int, bounds: Array, site: BuiltSite | None) -> BuiltClutter:
     """Clutter of a number around the structure, on free ground of the site if there is one; UserError naming it."""
     clutter = spec.clutter[number]
-    built = _on_free_ground(spec, number, site, partial(clutter.build, bounds.copy()))
-    return built if type(clutter) in CLUTTER.values() else own_clutter(clutter, built)
+    place = partial(_on_free_ground, spec, number, site)
+    if type(clutter) in CLUTTER.values():
+        return place(partial(clutter.build, bounds.copy()))
+    return same_twice(clutter, lambda: own_clutter(clutter, place(partial(clutter.build, bounds.copy()))))
 
 
 def _on_free_ground(spec: SequenceSpec, number: int, site: BuiltSite | None, build: Callable[..., Placed]) -> Placed:

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure
+from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure, same_twice
 from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure, Mover
+from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.structures.building import Building
@@ -16,7 +18,9 @@ from uavbench.scenes.structures.truss import Truss
 from uavbench.scenes.world.indoor import Indoor
 from uavbench.scenes.world.outdoor import Outdoor
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.around import Hover
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.simulation.flight import FlightSpec
 
 BOX = Box().build(np.random.default_rng(0))
 ROOM = Indoor().build(BOX.structure.bounds, np.random.default_rng(0))
@@ -26,6 +30,14 @@ TREE = replace(BOX.parts[0], instance=7, name="tree")
 @dataclass(frozen=True)
 class Own:
     """A plug-in of a user."""
+
+
+@dataclass(frozen=True)
+class GlobalRandom:
+    """A structure that does not take its random numbers from `rng`."""
+
+    def build(self, rng: np.random.Generator) -> BuiltStructure:
+        return Box(width_m=0.3 + 0.1 * np.random.random()).build(rng)  # noqa: NPY002
 
 
 def with_parts(**changes: Callable[[Any], Any]) -> BuiltStructure:
@@ -50,6 +62,29 @@ def test_a_structure_may_have_parts_of_other_instances_and_of_no_triangles() -> 
     label = [replace(part, instance=2) for part in BOX.parts]
     sign = replace(BOX.parts[0], instance=1)
     assert own_structure(Own(), replace(BOX, parts=(bare, *label, sign))).parts == (*label, sign)
+
+
+def test_what_differs_between_two_builds_of_one_seed_is_told() -> None:
+    fickle, calls = np.random.default_rng(1), []
+
+    def build(rng: np.random.Generator, wide: float) -> BuiltStructure:
+        calls.append(wide)
+        return own_structure(Own(), Box(width_m=0.3 + 0.1 * wide).build(rng))
+
+    with pytest.raises(UserError, match=r"test_own_scene:Own: build gives something else each time; take all random"):
+        same_twice(Own(), lambda: build(np.random.default_rng(0), float(fickle.random())))
+    drawn = same_twice(Own(), lambda: build(np.random.default_rng(0), 0.5))
+    assert len(calls) == 4 and drawn.structure.bounds[1, 1] == pytest.approx(0.175)
+    with pytest.raises(UserError, match="something else each time"):
+        same_twice(Own(), lambda: replace(BOX, parts=(replace(BOX.parts[0], tint=fickle.random((1, 4))),)))
+
+
+def test_a_users_structure_of_global_random_numbers_is_told_before_it_is_rendered() -> None:
+    spec = SequenceSpec(
+        name="box", seed=0, structure=GlobalRandom(), environment=Indoor(), flight=FlightSpec(path=Hover())
+    )
+    with pytest.raises(UserError, match="GlobalRandom: build gives something else each time"):
+        obstacles_of(spec)
 
 
 @pytest.mark.parametrize(("built", "told"), [
