@@ -52,9 +52,11 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
         with Guard("uavbench-again-") as scratch:
             again = _run(tracker, sequence, rate_hz, scratch.folder / "again")
         same = all(_same(a.cam_from_world, b.cam_from_world) for a, b in zip(first.rows, again.rows, strict=True))
-        yield (
-            "a second run gave the same poses" if same else "note: a second run gave other poses; seed it from job.toml"
+        program = isinstance(tracker, External | ThirdPartyTracker)
+        remedy = (
+            "seed it from job.toml" if program else "take all random numbers from `rng`, keep no state between runs"
         )
+        yield "a second run gave the same poses" if same else f"note: a second run gave other poses; {remedy}"
     yield "faulty" if faults or mistaken or astray else "good: the tracker follows the protocol"
 
 

@@ -241,6 +241,13 @@ def test_check_tells_it_too_and_calls_it_faulty(mine, tmp_path):
     assert lines[-1] == "faulty"
 
 
+def test_check_tells_a_tracker_in_python_that_differs_between_runs_of_its_rng(mine, tmp_path):
+    start = "cam_from_world = Pose.exp([*(np.random.rand(3) * 1e-3), 0, 0, 0]) @ cam_from_world"
+    lines = list(check(mine(start=start), tmp_path / "kept"))
+    note = "note: a second run gave other poses; take all random numbers from `rng`, keep no state between runs"
+    assert note in lines and lines[-1].startswith("good")
+
+
 @dataclass(frozen=True)
 class Fickle:
     """Repeats the true initial pose in another convention."""
