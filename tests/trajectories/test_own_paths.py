@@ -14,6 +14,7 @@ from uavbench.trajectories.paths.own_path import plan
 from uavbench.trajectories.paths.recorded import resampled
 from uavbench.trajectories.paths.reference import Planned, Replay, planned
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.flight import FlightSpec, begin, fly
 from uavbench.trajectories.simulation.summary import planned_summary
@@ -49,6 +50,25 @@ def test_one_motion_is_flown_as_it_is() -> None:
     flight = fly(FlightSpec(path=Own(Replay(RECORDED))), Mount(), BOX, 0)
     np.testing.assert_array_equal(flight.positions_m, RECORDED[:, :3])
     assert planned_summary(FlightSpec(path=Own(PLAN)), Mount(), BOX, 0).duration_s == pytest.approx(1.0)
+
+
+@dataclass(frozen=True)
+class Random:
+    """A path whose distance is drawn from the generator given to it, or from numpy's global one."""
+
+    given: bool
+
+    def plan(self, obstacles: Any, mount: Any, rng: np.random.Generator) -> Any:
+        shift = rng.random() if self.given else np.random.random()  # noqa: NPY002
+        return planned(RECORDED[:, :3] + [shift, 0, 0], np.full(len(RECORDED), np.pi))
+
+
+def test_a_plan_that_differs_between_two_calls_is_told_and_one_of_the_given_generator_is_not() -> None:
+    with pytest.raises(UserError, match="plan gives another plan each time; take all random numbers from the `rng`"):
+        fly(FlightSpec(path=Random(given=False)), Mount(), BOX, 0)
+    first, again = (fly(FlightSpec(path=Random(given=True)), Mount(), BOX, 3) for _ in range(2))
+    np.testing.assert_array_equal(first.positions_m, again.positions_m)
+    assert first.positions_m[0, 0] - 2.0 == pytest.approx(stream(3, "path").random(), abs=0.05)
 
 
 def test_a_log_interpolated_between_its_poses_is_one_motion() -> None:

@@ -1,5 +1,6 @@
 """Checks of what users' paths plan: a vehicle that follows it, or a replayed record that is one motion."""
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,27 @@ FEWEST = 2
 
 
 def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
-    """What a path plans; UserError for a user's plan that is not finite, not in rad, or not one motion."""
+    """What a path plans; UserError for a user's plan that is not finite, not in rad, or not one motion.
+
+    And for one that is another one each time, as then is each run of one seed.
+    """
+    if type(path) in PATHS.values():
+        return path.plan(obstacles, mount, rng)
+    again = path.plan(obstacles, mount, deepcopy(rng))
     found = path.plan(obstacles, mount, rng)
-    if type(path) not in PATHS.values():
-        _check(found)
+    _check(found)
+    if _bytes(found) != _bytes(again):
+        raise UserError(
+            "plan gives another plan each time; take all random numbers from the `rng` that it is given, and nothing "
+            "from the clock, the order of a set, or an earlier call"
+        )
     return found
+
+
+def _bytes(found: Guidance | Replay) -> bytes:
+    """Content of the table of a plan or a record; none of an object that guides step by step."""
+    rows = found.table if isinstance(found, Planned) else found.record if isinstance(found, Replay) else np.empty(0)
+    return rows.tobytes() if isinstance(rows, np.ndarray) else b""
 
 
 def _check(found: Any) -> None:
