@@ -8,7 +8,8 @@ import pytest
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
-from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.fit.false_alarms import Chance
+from uavbench.tracker.robust.fit.pose_fit import CERTAIN, Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization import doubts as doubts_module
 from uavbench.tracker.robust.relocalization.doubts import ENOUGH, MOST_FRAMES, Doubts
@@ -118,6 +119,21 @@ def test_a_pose_elsewhere_of_about_as_much_support_begins_the_count_again(monkey
     best = there.doubts.best_around(there.image, base, there.range_m)
     assert there.doubts.in_vain == counted
     assert best.support == max(base.support, elsewhere.support)
+
+
+@pytest.mark.parametrize(("log10_nfa", "by_chance"), [(-4.0, True), (-6.0, False)])
+def test_a_better_pose_is_judged_as_the_best_of_all_frames_so_far(monkeypatch, log10_nfa, by_chance):
+    """Among many frames chance finds one in which a wrong pose stands out."""
+    there = Doubted()
+    held = there.held(there.true)
+    found = replace(held, chance=Chance(log10_nfa - 9.0, log10_nfa - 9.0))
+    base = replace(held, support=0.5 * held.support, chance=CERTAIN)
+    there.doubts.begin(base)
+    there.doubts.judged = 100
+    monkeypatch.setattr(there.doubts, "anew", lambda *_: base)
+    monkeypatch.setattr(there.doubts, "best_around", lambda *_: found)
+    assert there.doubts.better(there.image, base, there.range_m) is found
+    assert there.doubts.by_chance == by_chance
 
 
 def off_by_4_percent(pose):

@@ -35,10 +35,10 @@ class Doubts:
         self.tried = 0
         self.end()
 
-    def begin(self, fit: Fit) -> None:
-        """Doubt the pose of a fit by which nothing was learned yet."""
+    def begin(self, fit: Fit, judged: int = 1) -> None:
+        """Doubt the pose of a fit by which nothing was learned yet, the best one of so many frames that were judged."""
         self.in_vain = self.without_room = 0
-        self.judged, self.by_chance = 1, is_by_chance(fit, 1)
+        self.judged, self.by_chance = judged, is_by_chance(fit, judged)
 
     def end(self) -> None:
         """Doubt no pose."""
@@ -81,7 +81,7 @@ class Doubts:
         best = self.best_around(image, base, range_m)
         if is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
             return None
-        self.begin(best)
+        self.begin(best, self.judged)
         return best
 
     def best_around(self, image: Image, base: Fit, range_m: float) -> Fit:
