@@ -76,7 +76,7 @@ def test_a_right_pose_is_kept_and_beyond_doubt_unless_chance_explains_it(monkeyp
     there = Doubted()
     fit = there.held(there.true)
     assert there.after(fit, 8) is None
-    assert there.doubts.in_vain == ENOUGH and there.doubts.settled == settled
+    assert there.doubts.surrounding == ENOUGH and there.doubts.settled == settled
 
 
 def test_what_is_learned_at_a_wrong_pose_has_no_say():
@@ -99,26 +99,32 @@ def test_it_ends_where_budgets_are_too_small_for_a_fit():
         assert not doubts.surrounded
         fitter.begin(0, 0.066, True)
         assert doubts.better(there.image, fit, there.range_m) is None
-    assert doubts.surrounded and doubts.in_vain == 0
+    assert doubts.surrounded and doubts.surrounding == 0
 
 
 @pytest.mark.parametrize(
-    ("turn_rad", "more", "counted"),
-    [(0.0, 0.02, 32), (0.06, 0.02, 0), (0.06, -0.04, 0), (0.06, -0.05, 32), (0.0, -0.04, 32)],
+    ("turn_rad", "log10_less_likely", "settled"),
+    [
+        (0.0, 0.0, True),
+        (0.01, 0.0, True),
+        (0.03, 0.0, False),
+        (0.03, -4.0, False),
+        (0.03, 4.0, True),
+        (0.3, 2.0, False),
+    ],
 )
-def test_a_pose_elsewhere_of_about_as_much_support_begins_the_count_again(monkeypatch, turn_rad, more, counted):
-    """Neither a pose at the same place nor one of clearly less support tells that the view leaves the pose open."""
+def test_a_pose_stays_doubted_while_fits_around_it_end_elsewhere_and_are_about_as_likely(
+    monkeypatch, turn_rad, log10_less_likely, settled
+):
+    """Neither fits that end within what an accepted pose may be off nor unlikely ones leave it open."""
     there = Doubted()
     base = there.held(there.true)
-    elsewhere = replace(base, cam_from_world=off(there.true, 0.0, turn_rad), support=base.support + more)
-    monkeypatch.setattr(there.doubts.innocent, "searched", lambda *_: elsewhere)
-    there.begin()
-    there.doubts.begin(base)
-    there.doubts.innocent.work = replace(there.fitter.work, allowed=32 * there.fitter.cost(1))
-    monkeypatch.setattr(there.doubts.innocent, "has_room_for", lambda _: there.doubts.tried < 32)
-    best = there.doubts.best_around(there.image, base, there.range_m)
-    assert there.doubts.in_vain == counted
-    assert best.support == max(base.support, elsewhere.support)
+    elsewhere = Chance(base.chance.edges, base.chance.whole + log10_less_likely)
+    ends = base, replace(base, cam_from_world=off(there.true, 0.0, turn_rad), chance=elsewhere)
+    monkeypatch.setattr(there.doubts, "anew", lambda *_: base)
+    monkeypatch.setattr(there.doubts.innocent, "searched", lambda *_: ends[there.doubts.tried % 2])
+    assert there.after(base, 8) is None
+    assert there.doubts.surrounded == settled
 
 
 @pytest.mark.parametrize(("log10_nfa", "by_chance"), [(-4.0, True), (-6.0, False)])

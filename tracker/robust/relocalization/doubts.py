@@ -11,12 +11,13 @@ from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE
 from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.relocalization.spread import Spread
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 ENOUGH = 32
-"""Poses tried in vain in succession around one after which it is not doubted any more. Measured on 264 wrong initial
-poses: with 16, three wrong poses of nine are kept, with 32 none."""
+"""Poses tried around one after which it is not doubted any more, if they tell it well enough. Measured on 264 wrong
+initial poses: with 16, three wrong poses of nine are kept, with 32 none."""
 MOST_FRAMES = 15
 """Frames without room for a fit after which no more are awaited."""
 
@@ -24,25 +25,26 @@ MOST_FRAMES = 15
 class Doubts:
     """Poses around a tracked one, fitted without memory in as many frames as that takes.
 
-    A pose is doubted until enough poses in succession led to none of about as much support elsewhere, and until one of
-    the frames leaves no doubt that it was not found by chance.
+    A pose is doubted until enough fits in succession spread no farther than an accepted pose may be off, and until one
+    of the frames leaves no doubt that it was not found by chance.
     """
 
     def __init__(self, relocator: Relocator) -> None:
         self.fitter, self.config = relocator.fitter, relocator.fitter.config
-        self.searcher, self.turned = relocator.searcher, relocator.turned
+        self.searcher = relocator.searcher
         self.innocent = self.fitter.without_memory()
         self.tried = 0
         self.end()
 
     def begin(self, fit: Fit, judged: int = 1) -> None:
         """Doubt the pose of a fit by which nothing was learned yet, the best one of so many frames that were judged."""
-        self.in_vain = self.without_room = 0
+        self.surrounding, self.without_room, self.spread = 0, 0, Spread()
         self.judged, self.by_chance = judged, is_by_chance(fit, judged)
 
     def end(self) -> None:
         """Doubt no pose."""
-        self.in_vain, self.without_room, self.judged, self.by_chance = ENOUGH, 0, 0, False
+        self.surrounding, self.without_room, self.judged, self.by_chance = ENOUGH, 0, 0, False
+        self.spread = Spread()
 
     @property
     def settled(self) -> bool:
@@ -52,7 +54,7 @@ class Doubts:
     @property
     def surrounded(self) -> bool:
         """Whether enough poses were tried around the present one."""
-        return self.in_vain >= ENOUGH or self.without_room >= MOST_FRAMES
+        return self.surrounding >= ENOUGH or self.without_room >= MOST_FRAMES
 
     def anew(self, image: Image, fit: Fit, range_m: float) -> Fit:
         """A fit at the pose of a given one, without memory."""
@@ -79,28 +81,26 @@ class Doubts:
         self.judged += 1
         self.by_chance &= is_by_chance(base, self.judged)
         best = self.best_around(image, base, range_m)
+        if self.surrounding >= ENOUGH and 2.0 * self.spread.sigma > self.config.loss.accuracy:
+            self.surrounding, self.spread = 0, Spread()
         if is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
             return None
         self.begin(best, self.judged)
         return best
 
     def best_around(self, image: Image, base: Fit, range_m: float) -> Fit:
-        """The best of a fit and those around it; one elsewhere of about as much support begins the count again.
-
-        Such a view leaves the pose open, however consistent what is learned at the tracked one becomes.
-        """
-        config, best = self.config.relocalization, base
+        """The best of a fit and those around it, which are added to the spread."""
+        best = base
         assert base.focus is not None
-        wide = isotropic_covariance(config.found_sigma, range_m)
+        wide = isotropic_covariance(self.config.relocalization.found_sigma, range_m)
+        self.spread.add(base, base, range_m)
         while self.innocent.has_room_for(1) and not self.surrounded:
-            self.in_vain, self.tried = self.in_vain + 1, self.tried + 1
+            self.surrounding, self.tried = self.surrounding + 1, self.tried + 1
             pose = Pose(*self.searcher.nearby(motion(base.cam_from_world), base.focus, self.tried))
             found = self.innocent.searched(image, pose, wide, StageClock(), self.searcher.half_px)
-            if not (found.finite and found.support > base.support - config.lead_of_rivals):
-                continue
-            if not self.turned.ends_at(base, found, range_m):
-                self.in_vain = 0
-            best = max(best, found, key=lambda each: each.support)
+            if found.finite:
+                self.spread.add(base, found, range_m)
+                best = max(best, found, key=lambda each: each.support)
         return best
 
 
