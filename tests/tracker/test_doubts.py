@@ -49,7 +49,7 @@ class Doubted:
         return replace(fit, cam_from_world=pose)
 
     def begin(self):
-        self.fitter.begin(0, 0.066, True)
+        self.fitter.begin(0, 0.066)
 
     def after(self, fit: Fit, frames: int) -> Fit | None:
         """The better fit that so many frames find, if any does."""
@@ -97,7 +97,7 @@ def test_it_ends_where_budgets_are_too_small_for_a_fit():
     doubts.begin(fit)
     for _ in range(MOST_FRAMES):
         assert not doubts.surrounded
-        fitter.begin(0, 0.066, True)
+        fitter.begin(0, 0.066)
         assert doubts.better(there.image, fit, there.range_m) is None
     assert doubts.surrounded and doubts.surrounding == 0
 

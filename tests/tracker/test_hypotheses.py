@@ -116,7 +116,7 @@ def lattice():
     )
     pose = look_at(np.array([0.0, -0.9, 0.35]), (0.03, 0.0, 0.12))
     image = Scene(corners, seed=2).render(pose, noise_rng=np.random.default_rng(3))
-    fitter.begin(0, 1.0, sharp=True)
+    fitter.begin(0, 1.0)
     first = fitter.fit(image, pose, isotropic_covariance(0.005, 0.9), StageClock())
     return fitter, image, first
 
@@ -127,7 +127,7 @@ def lattice():
 def test_a_rival_that_was_not_fitted_is_no_proof_that_there_is_none(lattice, scale, room, leads):
     """Only where the run's predictions are known to be good does a pose lead those that look like it."""
     fitter, image, first = lattice
-    fitter.begin(1_000_000_000, 1.0, sharp=True)
+    fitter.begin(1_000_000_000, 1.0)
     if not room:
         fitter.work.done = fitter.work.allowed
     predicted = Motion(first.cam_from_world, isotropic_covariance(0.2, 0.9))

@@ -37,7 +37,7 @@ class Searched:
         self.pose, self.image = pose, Scene(boxes, seed=2).render(pose, noise_rng=np.random.default_rng(3))
         self.fitter = EdgeFitter(structure, CAMERA, np.random.default_rng(0), CONFIG)
         self.relocator = Relocator(self.fitter, CAMERA)
-        self.fitter.begin(0, step_s, sharp=True)
+        self.fitter.begin(0, step_s)
 
     def at(self, shift_m):
         """The fit at the true pose, with the structure moved by so much along x."""
@@ -132,7 +132,7 @@ def test_room_is_left_for_the_rivals_of_any_fit_that_chance_does_not_explain(sup
 def test_what_held_a_fit_where_it_began_is_no_knowledge_of_its_pose():
     """A fit from close by ends where one from farther away does; their covariances are equal without the priors."""
     near, far = (isotropic_covariance(sigma, RANGE_M) for sigma in (0.002, 0.02))
-    ONE_BOX.fitter.begin(0, 1.0, sharp=True)
+    ONE_BOX.fitter.begin(0, 1.0)
     fits = [ONE_BOX.fitter.searched(ONE_BOX.image, ONE_BOX.pose, prior, StageClock(), 12.0) for prior in (near, far)]
     wide = np.linalg.inv(isotropic_covariance(CONFIG.relocalization.found_sigma, RANGE_M))
     freed = [fit.with_prior(wide) for fit in fits]

@@ -42,11 +42,11 @@ def supports(count, learned):
     scene, rng = Scene(corners, seed=2), np.random.default_rng(3)
     known = isotropic_covariance(0.005, RANGE_M)
     for k in range(learned):
-        fitter.begin(k * 1_000_000_000, 1.0, sharp=True)
+        fitter.begin(k * 1_000_000_000, 1.0)
         image = scene.render(pose, noise_rng=rng)
         fitter.learn(image, fitter.fit(image, pose, known, StageClock()), 1.0)
     fitter.forget_patches()
-    fitter.begin(learned * 1_000_000_000, 1.0, sharp=True)
+    fitter.begin(learned * 1_000_000_000, 1.0)
     image = scene.render(pose, noise_rng=rng)
     top = fitter.searched(image, pose, known, StageClock())
     rivals, at = Relocator(fitter, CAMERA).rivals, top.cam_from_world
@@ -77,7 +77,7 @@ def test_a_pose_at_which_half_is_found_has_the_true_one_among_its_rivals():
     fitter = fitter_of(corners)
     pose = look_at(np.array([0.3, -RANGE_M, 0.35]), (0.33, 0.0, 0.12))
     image = Scene(corners, seed=2).render(pose, noise_rng=np.random.default_rng(3))
-    fitter.begin(0, 1.0, sharp=True)
+    fitter.begin(0, 1.0)
     beside = Pose(pose.rotation, pose.translation - pose.rotation @ np.array([-PANEL_M, 0.0, 0.0]))
     known = isotropic_covariance(0.005, RANGE_M)
     wrong = fitter.searched(image, beside, known, StageClock())

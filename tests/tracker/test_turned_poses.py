@@ -28,7 +28,7 @@ class Compared:
         image = Scene([box_corners(size_m)], seed=seed).render(pose, noise_rng=np.random.default_rng(seed))
         self.fitter = EdgeFitter(box(size_m), CAMERA, np.random.default_rng(0), CONFIG)
         self.relocator = Relocator(self.fitter, CAMERA)
-        self.fitter.begin(0, step_s, sharp=True)
+        self.fitter.begin(0, step_s)
         first = self.fitter.fit(image, pose, isotropic_covariance(0.005, RANGE_M), StageClock())
         sought = Sought(image, [pose], isotropic_covariance(0.05, RANGE_M), RANGE_M, first)
         self.ranking, self.tried = Ranking(sought, CONFIG.relocalization), TriedPoses(self.relocator.searcher)
@@ -55,7 +55,7 @@ def test_a_thorough_search_goes_on_after_a_sure_fit(thorough, fewest, most):
     first = compared.ranking.top
     image = first.searched.problem.image
     wide = isotropic_covariance(0.05, RANGE_M)
-    compared.fitter.begin(1, 0.2, sharp=True)
+    compared.fitter.begin(1, 0.2)
     compared.relocator.forget()
     sought = Sought(image, [first.cam_from_world], wide, RANGE_M, first, 0.5, thorough=thorough)
     found = compared.relocator.search(sought)

@@ -54,7 +54,7 @@ class Follower:
         Where frames are farther apart than those of the least budget, motion between them is not smooth.
         """
         state, own = self.state, frame.extrapolated_s > 0.0 and not self.state.hypotheses
-        if state.is_first or state.is_lost or not (own and self.fitter.sharp):
+        if state.is_first or state.is_lost or not own:
             return None
         if not self.config.budget.is_least(frame.step_s):
             return None

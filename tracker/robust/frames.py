@@ -93,7 +93,7 @@ class Frames:
                 self.stretch = ContrastStretch.needed(raw, self.config.preprocessing)
             stretched = self.stretch.of(raw)
             image = smoothed(stretched, self.config.preprocessing)
-            self.fitter.begin(stamp_ns, self.step_s, image is stretched)
+            self.fitter.begin(stamp_ns, self.step_s, stretched)
         with clock.stage("predict"):
             predicted = state.predicted(dt_s, stamp_ns)
             if expected is not None and expected.spread_m(state.range_m) < predicted.spread_m(state.range_m):
@@ -117,13 +117,16 @@ class Frames:
         stretch = stretch if stretch.differs(self.stretch, config.min_gain) else self.stretch
         if stretch == self.stretch and (ratio == 1).all():
             return FittedFrame(fit, frame)
-        colours, image = self.fitter.appearance, smoothed(stretch.of(frame.raw), config)
+        colours, unsmoothed, stretched = self.fitter.appearance, self.fitter.unsmoothed, stretch.of(frame.raw)
+        image = smoothed(stretched, config)
+        self.fitter.locate_in(stretched)
         self.fitter.appearance = compensated(colours, self.stretch.towards(stretch, ratio))
         other = self.fitter.fit(image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         if other.finite and other.support > fit.support:
             self.stretch = stretch
             return FittedFrame(other, frame._replace(image=image))
         self.fitter.appearance = colours
+        self.fitter.locate_in(unsmoothed)
         return FittedFrame(fit, frame)
 
     @property

@@ -17,6 +17,13 @@ from uavbench.trajectories.pose import Array
 Indices = NDArray[np.int64]
 
 
+class Images(NamedTuple):
+    """A frame's image (h, w, c) as edges are searched in it, and as they are located in it: before it was smoothed."""
+
+    searched: Image
+    sharp: Image
+
+
 class LookedAt(NamedTuple):
     """Control points after a fit: rows (n,) of appearance, signed residual (n,) in px, weight (n,) in the fit.
 
@@ -39,19 +46,21 @@ class Nearness(NamedTuple):
     optics: Optics
 
 
+IMAGES = named_tuple(Images, "u3 u3")
 LOOKED_AT = named_tuple(LookedAt, "i1! f1! f1! i1!")
 NEARNESS = named_tuple(Nearness, "f0 f0 optics", optics=OPTICS)
 
 
 @compiled(
-    "u3 lines seen f2 f2! nearness appearance",
+    "images lines seen f2 f2! nearness appearance",
+    images=IMAGES,
     lines=SEARCH_LINES,
     seen=LOOKED_AT,
     nearness=NEARNESS,
     appearance=APPEARANCE,
 )
 def learn_appearance(
-    image: Image,
+    images: Images,
     at: SearchLines,
     seen: LookedAt,
     covariance: Array,
@@ -71,5 +80,5 @@ def learn_appearance(
         if away < limits.beside_px:
             found[p] = seen.weight[p]
     learn_squares(at, rows, distance, covariance, appearance, config)
-    learn(image, at, rows, found, appearance, config)
-    return excess_blur(image, at, rows, appearance, alone, limits.optics)
+    learn(images.searched, at, rows, found, appearance, config)
+    return excess_blur(images.sharp, at, rows, appearance, alone, limits.optics)

@@ -11,6 +11,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edges.appearance_kernels import Images
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
@@ -79,7 +80,7 @@ class EdgeFitter:
         self.kinds = EdgeKinds.of(self.edges)
         self.view = View.of(camera, structure)
         self.most_points, self.now_s = 0, 0.0
-        self.sharp = True
+        self.unsmoothed: Image | None = None
         self.blur = Blur()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
@@ -129,11 +130,18 @@ class EdgeFitter:
         other.forget()
         return other
 
-    def begin(self, stamp_ns: int, step_s: float, sharp: bool) -> None:
-        """Begin with a frame by its stamp, step_s after the previous one; sharp: its image was not smoothed."""
+    def begin(self, stamp_ns: int, step_s: float, unsmoothed: Image | None = None) -> None:
+        """Begin with a frame by its stamp, step_s after the previous one; unsmoothed: see `locate_in`."""
         self.now_s = self.texture.now_s = stamp_ns * 1e-9
-        self.sharp = sharp
+        self.locate_in(unsmoothed)
         self.work = Work(self.config.budget.allowed(step_s))
+
+    def locate_in(self, unsmoothed: Image | None) -> None:
+        """Locate edges in the frame's image (h, w) or (h, w, c) before it was smoothed, None where it was not.
+
+        The noise of its pixels is independent, as a fit to them supposes, and its steps have the blur of the lens.
+        """
+        self.unsmoothed = None if unsmoothed is None else layered(unsmoothed)
 
     def cost(self, fits: int) -> int:
         """Evaluations of so many fits of a search and of the one that locates the edges of the best, a quarter more."""
@@ -155,8 +163,8 @@ class EdgeFitter:
         return found if isinstance(found, Fit) else self.concluded(found, clock)
 
     def concluded(self, found: Searched, clock: StageClock) -> Fit:
-        """The fit to the matches of a search, its edges located between the pixels where the image was not smoothed."""
-        at = self.locate(found, clock) if self.sharp else unlocated(found)
+        """The fit to the matches of a search, its edges located between the pixels."""
+        at = self.locate(found, clock)
         with clock.stage("support"):
             return self.judge.fit(found, at)
 
@@ -171,8 +179,8 @@ class EdgeFitter:
             return self.judge.fit(found, unlocated(found))
 
     def located(self, fit: Fit, clock: StageClock) -> Fit:
-        """A fit with its edges located between the pixels, where the image was not smoothed, and the same support."""
-        if fit.searched is None or not self.sharp:
+        """A fit with its edges located between the pixels, and the same support."""
+        if fit.searched is None:
             return fit
         at = self.locate(fit.searched, clock)
         with clock.stage("support"):
@@ -198,6 +206,10 @@ class EdgeFitter:
         self.work.done += len(searched.problem.points.points) * LOCATED_POINT
         with clock.stage("subpixel"):
             return self.refine_subpixel(searched)
+
+    def sharp(self, image: Image) -> Image:
+        """The frame's image (h, w, c) as it is, or before it was smoothed."""
+        return image if self.unsmoothed is None else self.unsmoothed
 
     @property
     def model(self) -> EdgeModel:
@@ -252,7 +264,7 @@ class EdgeFitter:
         estimate, biases = found.estimate, self.biases.seen_with(found.edges)
         fitted = Fitted(found.measured, aligned.matches, biases, problem.prior, estimate.weighting)
         view = aligned.view.to(estimate.R, estimate.t)
-        return unchecked(locate)(problem.image, fitted, view, self.optics, self.model, self.values)
+        return unchecked(locate)(self.sharp(problem.image), fitted, view, self.optics, self.model, self.values)
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
@@ -294,7 +306,8 @@ class EdgeFitter:
         if fit.residuals is None:
             return
         lines = self.search_lines(fit.residuals.points, self.view.at(fit.cam_from_world))
-        seen = Seen(layered(image), lines, fit.residuals)
+        image = layered(image)
+        seen = Seen(Images(image, self.sharp(image)), lines, fit.residuals)
         excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance_of_told, self.values)
         self.blur.learn(excess_px2, self.values.appearance.learning_rate)
         self.learned += 1

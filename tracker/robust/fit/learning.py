@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.edges.appearance_kernels import LookedAt, Nearness, learn_appearance
+from uavbench.tracker.robust.edges.appearance_kernels import Images, LookedAt, Nearness, learn_appearance
 from uavbench.tracker.robust.edges.columns import OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
@@ -45,9 +44,9 @@ class Memory(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """An image (h, w, c), the search lines at the pose of its fit, and the residuals there."""
+    """A frame's images, the search lines at the pose of its fit, and the residuals there."""
 
-    image: Image
+    images: Images
     lines: SearchLines
     residuals: FitResiduals
 
@@ -57,11 +56,11 @@ def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array
 
     Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
     """
-    image, lines, used = seen
+    images, lines, used = seen
     residual = used.weighting.residual - used.by_numbers @ used.step.to_numbers
     looked_at = LookedAt(used.points.rows, residual, used.weighting.weight, used.steps)
     limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
-    return unchecked(learn_appearance)(image, lines, looked_at, covariance, appearance, limits, values.appearance)
+    return unchecked(learn_appearance)(images, lines, looked_at, covariance, appearance, limits, values.appearance)
 
 
 def found_faces(texture: Texture, used: FitResiduals) -> Indices:
@@ -75,7 +74,7 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, faces: Indices, dt_s: fl
     faces: of the patches that were found. Patches are taken where the edges' support is good.
     """
     texture, biases, pose = memory.texture, memory.biases, fit.cam_from_world
-    image, lines, used = seen
+    images, lines, used = seen
     hits = texture.count_hits(used.chosen, used.weighting.patch_weight, used.correlation)
     if hits:
         twist = biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
@@ -84,7 +83,7 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, faces: Indices, dt_s: fl
     if due and hits < MOST_USED and fit.edge_support >= good_support:
         if not hits:
             biases.begin(used.edges, used.sums, used.step, used.prior_information, pose)
-        texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
+        texture.take(images.searched, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
 
 
 def learn_numbers(
