@@ -219,3 +219,14 @@ def test_a_doubted_pose_is_compared_where_each_frame_is_searched_too(monkeypatch
     for result, true in zip(results, poses, strict=True):
         if result.status == "ok":
             assert error_m(result.cam_from_world, true) < 0.01
+
+
+def test_an_initial_pose_that_was_not_kept_vouches_for_no_pose_near_it(monkeypatch):
+    """It may be wrong itself: what is found there is told once fits from around it tell it, too."""
+    poses, images = flown(12, seed=11)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    monkeypatch.setattr(run.decider, "prior_constrained", lambda *_: None)
+    statuses = [run.track(image, i * STEP_NS).status for i, image in enumerate(images)]
+    begun = statuses.index("ok")
+    assert 0 < begun < 10
+    assert statuses == ["ambiguous"] * begun + ["ok"] * (12 - begun)

@@ -81,7 +81,7 @@ class Decider:
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
         self.led &= not settled
-        if settled and first and not (self.kept_initial or self.is_as_given(fit)):
+        if settled and first and not self.kept_initial:  # an initial pose that was not kept vouches for none near it
             self.doubts.begin(fit)
         anew = self.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
