@@ -27,6 +27,8 @@ INERTIA_KG_M2 = (1e-10, 1e6)
 """Plausible principal moments of inertia in kg m^2: MASS_KG at radii of gyration from 1 mm to 10 m."""
 LAG_S = (STEP_S, 2.0)
 """Motor lags in s: those below a step of the simulation are integrated wrongly; large multicopters have 0.1 to 0.5."""
+LARGEST_RADIUS = 100.0
+"""Most radii of gyration in radius_m: vehicles have 2 to 4, a wide berth some more; a radius in cm has hundreds."""
 MOST_THRUST_TO_WEIGHT = 50.0
 """Largest ratio of thrust to weight: three times that of racing drones, and far below a unit of grams for newtons."""
 FASTEST_ROTOR_RAD_S = 1e4
@@ -182,6 +184,7 @@ def _of_size(vehicle: Quadrotor) -> Iterator[str]:
             f"rotors lie up to {arm_m:g} m from its middle, outside of its radius of {radius_m:g} m, the sphere "
             "that is kept clear of everything: give rotors_m and radius_m in metres, the radius with the propellers"
         )
+        return
     if not lever_m.max() < radius_m:
         yield (
             f"torque_per_thrust_m {lever_m.max():g} is not below radius_m {radius_m:g}; give the torque of a rotor in "
@@ -192,6 +195,12 @@ def _of_size(vehicle: Quadrotor) -> Iterator[str]:
         yield (
             f"moment of inertia of {largest:g} kg m^2 is larger than that of its whole mass of {vehicle.mass_kg:g} kg "
             f"at radius_m {radius_m:g}; check the units of inertia_kg_m2 (1 g cm^2 is 1e-7), mass_kg and radius_m"
+        )
+    elif not radius_m <= LARGEST_RADIUS * (gyration_m := float(np.sqrt(largest / vehicle.mass_kg))):
+        yield (
+            f"radius_m {radius_m:g} is more than {LARGEST_RADIUS:g} times {gyration_m:.3g} m, at which its mass of "
+            f"{vehicle.mass_kg:g} kg would have its moment of inertia of {largest:g} kg m^2; give radius_m in metres, "
+            "and check the units of inertia_kg_m2 (1 g cm^2 is 1e-7) and mass_kg"
         )
 
 
@@ -207,7 +216,7 @@ def _of_motors(vehicle: Quadrotor) -> Iterator[str]:
     if not LAG_S[0] <= vehicle.motor_time_constant_s <= LAG_S[1]:
         yield (
             f"motor_time_constant_s {vehicle.motor_time_constant_s:g} is not between {LAG_S[0]:g} and {LAG_S[1]:g}; "
-            "give it in seconds"
+            f"give it in seconds, for motors without lag a step of the simulation, {LAG_S[0]:g}"
         )
     rising = np.isfinite(vehicle.thrust_map_n).all() and vehicle.thrust_map_n[2] > 0
     speeds = vehicle.rotor_speeds(np.array([weight_n / 4, vehicle.max_thrust_n])) if rising else np.full(2, np.nan)
