@@ -8,7 +8,7 @@ import numpy as np
 
 from uavbench.scenes.model_files.mesh_checks import closedness
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined
-from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure, Light, Mover, Part
+from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltSite, BuiltStructure, Light, Mover, Part
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
@@ -27,7 +27,10 @@ Deviations as built are a hundredth of a structure; parts in another unit or fra
 BRIGHTEST = 100.0
 """Largest linear radiance of a lamp or the ambient light: the sun of `outdoor` has about 5."""
 
-Built = TypeVar("Built", BuiltStructure, BuiltEnvironment, BuiltClutter)
+COMPARED_S = (0.0, 0.5)
+"""Times, in s, at which the poses of movers are compared: its start, and one that few sequences are too short for."""
+
+Built = TypeVar("Built", BuiltStructure, BuiltEnvironment, BuiltClutter, BuiltSite)
 
 
 def same_twice(plugin: object, build: Callable[[], Built]) -> Built:
@@ -45,17 +48,21 @@ def same_twice(plugin: object, build: Callable[[], Built]) -> Built:
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Whether two values are equal, with the arrays in them; functions are taken to be."""
+    """Whether two values are equal, with the arrays in them and the ways of movers; other functions are taken to be."""
     if isinstance(one, np.ndarray):
         same = isinstance(other, np.ndarray) and (one.dtype, one.shape) == (other.dtype, other.shape)
         return same and one.tobytes() == other.tobytes()
     if type(one) is not type(other):
         return False
+    if isinstance(one, Mover) and not all(
+        _alike(one.world_from_part(t).matrix, other.world_from_part(t).matrix) for t in COMPARED_S
+    ):
+        return False
     if is_dataclass(one):
         return all(_alike(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
     if isinstance(one, tuple | list):
         return len(one) == len(other) and all(map(_alike, one, other))
-    return not isinstance(one, str | int | float) or bool(one == other)
+    return not isinstance(one, str | int | float) or bool(one == other or (one != one and other != other))
 
 
 def own_structure(plugin: object, found: Any) -> BuiltStructure:

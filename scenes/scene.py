@@ -94,8 +94,8 @@ def _confines(spec: SequenceSpec, built: BuiltStructure) -> Confines:
     if type(environment) in ENVIRONMENTS.values():
         found: Confines = environment.confines(built, rng, streams)
         return found
-    own = own_environment(environment, environment.build(built.structure.bounds, rng))
-    return Confines(None if own.site is None else own.site(built, streams), own.room)
+    own = _environment(spec, built.structure.bounds)
+    return Confines(_site(spec, own, built), own.room)
 
 
 def build_scene(spec: SequenceSpec) -> Scene:
@@ -108,7 +108,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
     plainly = not environment.textures
     if plainly:
         built = replace(built, parts=tuple(map(plain, built.parts)))
-    site = None if environment.site is None else environment.site(built, partial(stream, spec.seed, "site"))
+    site = _site(spec, environment, built)
     if site is not None:
         built = replace(built, parts=site.structure)
         sunlight = replace(environment.light, clouds=site.clouds)
@@ -147,8 +147,25 @@ def build_scene(spec: SequenceSpec) -> Scene:
 
 def _environment(spec: SequenceSpec, bounds: Array) -> BuiltEnvironment:
     """What the environment of a spec builds around a structure of bounds (2, 3) in metres."""
-    built = spec.environment.build(bounds.copy(), stream(spec.seed, "environment"))
-    return built if type(spec.environment) in ENVIRONMENTS.values() else own_environment(spec.environment, built)
+    environment: Any = spec.environment
+
+    def build() -> BuiltEnvironment:
+        return environment.build(bounds.copy(), stream(spec.seed, "environment"))
+
+    if type(environment) in ENVIRONMENTS.values():
+        return build()
+    return same_twice(environment, lambda: own_environment(environment, build()))
+
+
+def _site(spec: SequenceSpec, environment: BuiltEnvironment, built: BuiltStructure) -> BuiltSite | None:
+    """The ground of an environment of a spec, shaped to a structure; None where it is level."""
+    shaped = environment.site
+    if shaped is None:
+        return None
+    streams = partial(stream, spec.seed, "site")
+    if type(spec.environment) in ENVIRONMENTS.values():
+        return shaped(built, streams)
+    return same_twice(spec.environment, lambda: shaped(built, streams))
 
 
 def _unpainted(spec: SequenceSpec) -> BuiltStructure:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure, same_twice
-from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure, Mover
-from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltSite, BuiltStructure, Mover, nowhere
+from uavbench.scenes.scene import build_scene, confines_of, obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.scenes.structures.box import Box
@@ -85,6 +85,47 @@ def test_a_users_structure_of_global_random_numbers_is_told_before_it_is_rendere
     )
     with pytest.raises(UserError, match="GlobalRandom: build gives something else each time"):
         obstacles_of(spec)
+
+
+def test_movers_that_go_elsewhere_in_a_second_build_are_told() -> None:
+    fickle = np.random.default_rng(1)
+
+    def build(speed: float) -> BuiltClutter:
+        return BuiltClutter(movers=(Mover(BOX.parts[0], lambda t: Pose(np.eye(3), np.array([speed * t, 0, 0]))),))
+
+    assert same_twice(Own(), lambda: build(0.5)).movers
+    with pytest.raises(UserError, match="something else each time"):
+        same_twice(Own(), lambda: build(float(fickle.random())))
+
+
+@dataclass(frozen=True)
+class GlobalLight:
+    """An environment whose light, or ground, is not drawn from the generators given to it."""
+
+    what: str
+
+    def build(self, bounds: Any, rng: np.random.Generator) -> BuiltEnvironment:
+        drawn = np.random.random()  # noqa: NPY002
+        if self.what == "light":
+            return replace(ROOM, light=replace(ROOM.light, haze_per_m=1e-3 * drawn))
+        return replace(ROOM, site=self.site if self.what == "site" else None)
+
+    def site(self, built: BuiltStructure, streams: Any) -> BuiltSite:
+        shifted = replace(built.parts[0], vertices=built.parts[0].vertices + np.random.random())  # noqa: NPY002
+        return BuiltSite((shifted,), built.parts, lambda at: np.zeros(len(at)), nowhere)
+
+
+@pytest.mark.parametrize("what", ["light", "site", ""])
+def test_a_users_environment_of_global_random_numbers_is_told(what: str) -> None:
+    spec = SequenceSpec(
+        name="box", seed=0, structure=Box(), environment=GlobalLight(what), flight=FlightSpec(path=Hover())
+    )
+    for make in (confines_of, build_scene):
+        if what:
+            with pytest.raises(UserError, match="GlobalLight: build gives something else each time"):
+                make(spec)
+        else:
+            make(spec)
 
 
 @pytest.mark.parametrize(("built", "told"), [

@@ -12,7 +12,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.own_path import plan
 from uavbench.trajectories.paths.recorded import resampled
-from uavbench.trajectories.paths.reference import Planned, Replay, planned
+from uavbench.trajectories.paths.reference import Planned, Replay, VehicleState, planned
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.record_columns import RECORD
@@ -69,6 +69,49 @@ def test_a_plan_that_differs_between_two_calls_is_told_and_one_of_the_given_gene
     first, again = (fly(FlightSpec(path=Random(given=True)), Mount(), BOX, 3) for _ in range(2))
     np.testing.assert_array_equal(first.positions_m, again.positions_m)
     assert first.positions_m[0, 0] - 2.0 == pytest.approx(stream(3, "path").random(), abs=0.05)
+
+
+@dataclass
+class Stepwise:
+    """Guidance step by step whose start, or later rows, are shifted by a number."""
+
+    at: float
+    later: float
+    warm_up: int = 500
+    steps: int = 501
+
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
+        out = np.repeat(PLAN.table[:1], count, axis=0)
+        out[:, 3:9] = out[:, 10:] = 0.0
+        out[:, 0] += self.at if state is None else self.at + self.later
+        return out
+
+
+@dataclass(frozen=True)
+class RandomSteps:
+    """A path that guides step by step; one of its numbers is drawn from numpy's global generator."""
+
+    fickle: str
+
+    def plan(self, obstacles: Any, mount: Any, rng: np.random.Generator) -> Any:
+        drawn = 1e-3 * (np.random.random() if self.fickle else rng.random())  # noqa: NPY002
+        return Stepwise(drawn, 0.0) if self.fickle == "at" else Stepwise(0.0, drawn)
+
+
+@pytest.mark.parametrize("fickle", ["at", "later"])
+def test_guidance_step_by_step_that_differs_between_two_plans_is_told(fickle: str) -> None:
+    with pytest.raises(UserError, match="path RandomSteps: plan gives another plan each time"):
+        fly(FlightSpec(path=RandomSteps(fickle)), Mount(), BOX, 0)
+
+
+def test_guidance_step_by_step_of_the_given_generator_is_flown() -> None:
+    assert fly(FlightSpec(path=RandomSteps("")), Mount(), BOX, 0).status == "completed"
+
+
+def test_guidance_whose_rows_are_not_those_of_the_controller_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Stepwise, "rows", lambda self, first, count, state: PLAN.table[:count, :10])
+    with pytest.raises(UserError, match=r"path RandomSteps: rows of its plan gives \(1, 10\).*\(1, 17\)"):
+        fly(FlightSpec(path=RandomSteps("")), Mount(), BOX, 0)
 
 
 def test_a_log_interpolated_between_its_poses_is_one_motion() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.paths.reference import Guidance, Planned, Replay
+from uavbench.trajectories.paths.reference import Guidance, Planned, Replay, VehicleState
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.record_columns import RECORD, RECORD_COLUMNS
@@ -23,6 +23,8 @@ BLOCK, UNLIKE = 100, 0.3
 Differences from row to row, as of poses between which a log was interpolated, are not those of smoothed rates.
 """
 FEWEST = 2
+COMPARED = 10
+"""Rows of guidance step by step that are compared with those of a second plan, the vehicle at rest."""
 
 
 def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
@@ -32,21 +34,28 @@ def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.G
     """
     if type(path) in PATHS.values():
         return path.plan(obstacles, mount, rng)
-    again = path.plan(obstacles, mount, deepcopy(rng))
-    found = path.plan(obstacles, mount, rng)
+    found, again = (path.plan(obstacles, mount, deepcopy(rng)) for _ in range(2))
     _check(found)
-    if _bytes(found) != _bytes(again):
+    if type(found) is not type(again) or _bytes(found) != _bytes(again):
         raise UserError(
             "plan gives another plan each time; take all random numbers from the `rng` that it is given, and nothing "
             "from the clock, the order of a set, or an earlier call"
         )
-    return found
+    return found if isinstance(found, Planned | Replay) else path.plan(obstacles, mount, rng)
 
 
 def _bytes(found: Guidance | Replay) -> bytes:
-    """Content of the table of a plan or a record; none of an object that guides step by step."""
-    rows = found.table if isinstance(found, Planned) else found.record if isinstance(found, Replay) else np.empty(0)
-    return rows.tobytes() if isinstance(rows, np.ndarray) else b""
+    """Content of the table of a plan or a record, and of the first rows of an object that guides step by step."""
+    if isinstance(found, Replay):
+        return found.record.tobytes()
+    if isinstance(found, Planned):
+        return found.table.tobytes()
+    start = np.asarray(found.rows(-found.warm_up, 1, None))
+    if start.shape != (1, REFERENCE_COLUMNS):
+        raise UserError(f"rows of its plan gives {start.shape} for 1 row; it takes (1, {REFERENCE_COLUMNS})")
+    count = min(COMPARED, found.warm_up + found.steps)
+    at_rest = VehicleState(start[0, :3].copy(), np.zeros(3), float(start[0, 9]))
+    return start.tobytes() + np.asarray(found.rows(-found.warm_up, count, at_rest)).tobytes()
 
 
 def _check(found: Any) -> None:
