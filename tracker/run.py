@@ -146,7 +146,7 @@ def track_frame(
     samples: measurements of the body's sensors since the previous frame, for a run with `sense`; expected: prediction
     of the vehicle's filter, for a run with `predict`.
     """
-    error = ""
+    error, own = "", np.array(image)  # a copy: a tracker may write into what it gets
     sense = getattr(run, "sense", None) if samples is not None else None
     predict = getattr(run, "predict", None) if expected is not None else None
     method = sense or predict or run.track
@@ -159,7 +159,7 @@ def track_frame(
                 method = predict
                 predict(expected.cam_from_world, expected.covariance)
             method = run.track
-            result = run.track(image, stamp_ns)
+            result = run.track(own, stamp_ns)
         total_ms = (time.perf_counter() - begin) * 1e3
         result = checked(result)
     except (KeyboardInterrupt, Terminated):

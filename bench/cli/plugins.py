@@ -33,12 +33,12 @@ def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
     from uavbench.bench.config.suite import load_tracker
     from uavbench.bench.external.kept_folder import KEPT_MARKER
     from uavbench.bench.external.program import isolated_trackers
-    from uavbench.bench.trial.check import check
+    from uavbench.bench.trial.apart import check_apart
     from uavbench.trajectories.files.origin import refuse_foreign
 
     refuse_foreign(keep, KEPT_MARKER)
     line, one = "", load_tracker(tracker)
-    for line in check(isolated_trackers({"tracker": one})["tracker"] if isolate else one, keep):
+    for line in check_apart(isolated_trackers({"tracker": one})["tracker"] if isolate else one, keep):
         say(line)
     sys.exit(1 if line.startswith("faulty") else 0)
 

@@ -28,6 +28,10 @@ OnStep = Callable[[int, int], None]
 
 NOT_DONE = "not done, because this failed: "
 """Prefix of the reason of a job that was not run."""
+WORKER_DIED = (
+    "its worker process died: out of memory, or ended or crashed by a plug-in (try a tracker with `uavbench check`); "
+    "run the same command again to resume"
+)
 
 
 class Work(Protocol):
@@ -250,7 +254,7 @@ def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str
         if not isinstance(error, DiskError):
             outcome.mistakes.add(job.name)
     except BrokenProcessPool:
-        outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
+        outcome.failed[job.name] = WORKER_DIED
     except Exception as error:
         kind = "" if isinstance(error, JobFaultError) else f"{type(error).__name__}: "
         outcome.failed[job.name] = plain(f"{kind}{error}")

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_tracker
 from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.commands import count_failed_trackers
@@ -239,6 +241,14 @@ def test_check_tells_it_too_and_calls_it_faulty(mine, tmp_path):
     lines = list(check(mine("{}['b']"), tmp_path / "kept"))
     assert any(f"KeyError: 'b' (my_tracker.py:{LINE['track']} in track)" in line for line in lines)
     assert lines[-1] == "faulty"
+
+
+@pytest.mark.parametrize("how", ["os._exit(0)", "os.kill(os.getpid(), 11)"])
+def test_check_has_a_verdict_on_a_tracker_that_ends_its_process(mine, tmp_path, how):
+    mine(f"import os; {how}")
+    (tmp_path / "mine.toml").write_text('kind = "my_tracker:Mine"\n')
+    result = CliRunner().invoke(main, ["check", str(tmp_path / "mine.toml"), "--keep", str(tmp_path / "kept")])
+    assert result.exit_code == 1 and "faulty: the process that ran the tracker died" in result.output
 
 
 def test_check_tells_a_tracker_in_python_that_differs_between_runs_of_its_rng(mine, tmp_path):

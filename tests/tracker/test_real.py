@@ -18,6 +18,7 @@ from uavbench.tracker.initialization import (
     pose_from_points,
     read_init,
 )
+from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.registry import TRACKERS
 from uavbench.trajectories.errors import UserError
 
@@ -291,3 +292,60 @@ def test_names_with_other_digits_and_equal_numbers_have_one_order(tmp_path):
     for name in reversed(names):
         (tmp_path / name).touch()
     assert [path.name for path in in_order(tmp_path)] == names
+
+
+def held(files, images, out):
+    given = {"model": files / "box.cao", "camera": files / "camera.toml", "init": files / "init.toml"}
+    return track_images(TRACKERS["hold"](), images, **given, out=out, rate_hz=10.0)
+
+
+class Blackens:
+    """A tracker that writes into the images that it gets."""
+
+    def start(self, structure, camera, cam_from_world, rng):
+        self.pose = cam_from_world
+        return self
+
+    def track(self, image, stamp_ns):
+        image[:] = 0
+        return TrackResult(status="ok", cam_from_world=self.pose)
+
+
+def test_the_overlay_shows_the_image_whatever_a_tracker_does_to_it(files, tmp_path):
+    given = {"model": files / "box.cao", "camera": files / "camera.toml", "init": files / "init.toml"}
+    track_images(Blackens(), files / "images", **given, out=tmp_path / "out")
+    shown = cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).read()[1]
+    assert shown.mean() == pytest.approx(cv2.imread(str(files / "images/0000.png")).mean(), abs=5)
+
+
+def test_images_that_are_nearly_black_are_told(files, tmp_path):
+    (tmp_path / "images").mkdir()
+    for number, path in enumerate(in_order(files / "images")):
+        image = cv2.imread(str(path))
+        cv2.imwrite(str(tmp_path / "images" / path.name), (image > 99).astype(np.uint8) if number > 1 else image)
+    (doubt,) = held(files, tmp_path / "images", tmp_path / "out").record["doubts"]
+    assert doubt.startswith("images: 4 of 6 images have no grey level above 8 of 255, the first is frame 2: ")
+    assert held(files, files / "images", tmp_path / "other").record["doubts"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("images/data.csv", "{ns},{ns}.png"),
+        ("rgb.txt", "{s:.6f} rgb/{s:.6f}.png"),
+        ("times.txt", "{s:.6e}"),
+        ("timestamps.txt", "2011-09-26 13:02:25.{ns:09d}"),
+    ],
+)
+def test_times_beside_images_are_told_unless_they_are_those_of_the_rate(files, tmp_path, name, line):
+    (tmp_path / "images").mkdir()
+    for path in in_order(files / "images"):
+        (tmp_path / "images" / path.name).write_bytes(path.read_bytes())
+    for rate_hz in (10, 30):
+        lines = [line.format(s=k / rate_hz, ns=round(k * 1e9 / rate_hz)) for k in range(6)]
+        (tmp_path / name).write_text("# a comment\n" + "\n".join(lines) + "\n")
+        doubts = held(files, tmp_path / "images", tmp_path / "out").record["doubts"]
+        if rate_hz == 10 and not line.startswith("2011"):
+            assert doubts == []
+        else:
+            assert f"{name.rpartition('/')[2]}: seems to hold the times of the images, which are not read" in doubts[0]

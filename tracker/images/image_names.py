@@ -83,7 +83,7 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     steps = np.array([float(after - before) for before, after in pairwise(numbers)])
     taken = f"the images are taken 1 / {rate_hz:g} s apart"
     if seconds or len(str(numbers[-1])) >= STAMP_DIGITS:
-        if any(_fits(steps / unit * rate_hz) for unit in ((1.0,) if seconds else UNITS)):
+        if any(fits(steps / unit * rate_hz) for unit in ((1.0,) if seconds else UNITS)):
             return []
         return [
             f"{images[0].parent}: the names of the images look like times ({images[0].name}), which are not read: "
@@ -100,6 +100,6 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     ]
 
 
-def _fits(steps: NDArray[np.float64]) -> bool:
+def fits(steps: NDArray[np.float64]) -> bool:
     """Whether steps of times are those of the rate; as shares of these."""
     return bool((np.abs(steps - 1) < JITTER).all() and abs(steps.mean() - 1) < DRIFT)

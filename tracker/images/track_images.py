@@ -12,7 +12,9 @@ from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.image_files import finish_video, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
+from uavbench.tracker.images.image_levels import BlackImages
 from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, in_seconds, refuse_twins
+from uavbench.tracker.images.image_times import doubts_of_times
 from uavbench.tracker.images.model_size import doubts_of_size
 from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.images.video_images import VideoImages
@@ -54,8 +56,9 @@ def track_images(
     `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
-    times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, or that seem
-    to be missing, and of a model that seems to be in another unit. UserError naming the invalid file.
+    times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, are nearly
+    black, or seem to be missing, of files with times beside them, and of a model that seems to be in another unit.
+    UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
@@ -69,6 +72,7 @@ def track_images(
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
+    levels = BlackImages()
     images = frames(source, lens, rate_hz)
     with new_folder(out, MARKER) as new:
         writer = cv2.VideoWriter(
@@ -78,6 +82,7 @@ def track_images(
             (lens.width, lens.height),
         )
         for frame, (stamp_ns, image) in enumerate(images):
+            levels.see(image)
             result, error = track_frame(run, image, stamp_ns)
             if error:
                 errors.append(f"frame {frame}: {error}")
@@ -90,7 +95,7 @@ def track_images(
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
-        record["doubts"] = [*doubts_of_size(structure, first), *_doubts(source, images, rate_hz)]
+        record["doubts"] = [*doubts_of_size(structure, first), *_doubts(source, images, rate_hz), *levels.doubts(name)]
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results
@@ -100,7 +105,9 @@ def _doubts(source: Path | BagTopic, images: Iterable[StampedImage], rate_hz: fl
     """Messages on images that could not be read, or seem to be missing."""
     if isinstance(images, VideoImages):
         return images.doubts
-    return [] if isinstance(source, BagTopic) else doubts_of_names(in_order(source), rate_hz)
+    if isinstance(source, BagTopic):
+        return []
+    return [*doubts_of_names(in_order(source), rate_hz), *doubts_of_times(source, rate_hz)]
 
 
 def load_model(path: Path) -> Structure:
