@@ -224,3 +224,14 @@ def test_a_part_that_changes_after_the_check_stays(tmp_path, monkeypatch, name):
         with pytest.raises(UserError, match=name):
             write("index.html", "a.csv")
     assert (tmp_path / name).read_bytes() == PRECIOUS
+
+
+def test_of_two_that_make_a_folder_at_once_the_second_is_told_so(tmp_path):
+    with (
+        pytest.raises(UserError, match="export: was made by something else meanwhile; choose another folder"),
+        new_folder(tmp_path / "export") as late,
+    ):
+        (late / "README.md").write_text("late")
+        with new_folder(tmp_path / "export") as first:
+            (first / "README.md").write_text("first")
+    assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == ["first"]

@@ -87,9 +87,13 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
         try:
             rename_new(own.made, path)
         except FileExistsError:
-            raise UserError(f"{path}: was made by something else meanwhile; choose another folder") from None
+            raise _made_meanwhile(path) from None
         _sync(path.parent)
     _note(path / name for name in tree(path))
+
+
+def _made_meanwhile(folder: Path) -> UserError:
+    return UserError(f"{folder}: was made by something else meanwhile; choose another folder")
 
 
 def _set_aside(folder: Path, to: Path, marker: Marker | None) -> None:
@@ -104,6 +108,8 @@ def _set_aside(folder: Path, to: Path, marker: Marker | None) -> None:
     def refuse(at: Path) -> None:
         with owning_renamed(folder, at):
             for name in foreign(at, marker):
+                if marker is None:  # it was empty, or not there, when the writing began
+                    raise _made_meanwhile(folder)
                 raise foreign_error(folder, name, marker, at)
 
     take_away(folder, to, refuse)
