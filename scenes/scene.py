@@ -150,7 +150,8 @@ def _environment(spec: SequenceSpec, bounds: Array) -> BuiltEnvironment:
     environment: Any = spec.environment
 
     def build() -> BuiltEnvironment:
-        return environment.build(bounds.copy(), stream(spec.seed, "environment"))
+        found: BuiltEnvironment = environment.build(bounds.copy(), stream(spec.seed, "environment"))
+        return found
 
     if type(environment) in ENVIRONMENTS.values():
         return build()

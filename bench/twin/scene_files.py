@@ -13,6 +13,7 @@ from uavbench.scenes.rendering.lighting import cloud_axes
 from uavbench.scenes.rendering.renderer import FAR_M, NEAR_M
 from uavbench.scenes.rendering.shaders import WATER_INDEX, WET_GAIN, WET_INNER
 from uavbench.scenes.scene import Scene
+from uavbench.trajectories.files.writing import full_disk_told
 from uavbench.trajectories.pose import Array, Pose
 
 BLENDER_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -107,9 +108,10 @@ def _write_part(part: Part, name: str, folder: Path, textures: dict[int, str]) -
         "soil_uv": None if part.soil_uv is None else part.soil_uv[corners],
     }
     given = {key: values for key, values in arrays.items() if values is not None}
-    for key, values in given.items():
-        np.ascontiguousarray(values, dtype="<f4").tofile(folder / f"{name}.{key}")
-    np.ascontiguousarray(part.triangles, dtype="<i4").tofile(folder / f"{name}.triangles")
+    with full_disk_told(folder / name):
+        for key, values in given.items():
+            np.ascontiguousarray(values, dtype="<f4").tofile(folder / f"{name}.{key}")
+        np.ascontiguousarray(part.triangles, dtype="<i4").tofile(folder / f"{name}.triangles")
     film, soil = part.film, part.soil
     return {
         "name": name,

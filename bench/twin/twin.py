@@ -37,7 +37,7 @@ from uavbench.trajectories.files.limits import ANY, TABLE
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.origin import refuse_foreign
 from uavbench.trajectories.files.reading import opened, read_text
-from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.files.writing import full_disk_told, new_folder, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.simulation.flight import Flight, fly
@@ -210,7 +210,8 @@ def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
     head, *rows = read_text(folder / "groundtruth.csv", TABLE, inside=folder).splitlines()
     write_text(new / "groundtruth.csv", "\n".join([head, *_numbered(rows[::every])]) + "\n")
     if os.path.lexists(folder / "row_poses.npy"):
-        np.save(new / "row_poses.npy", read_row_poses(folder, len(sequence), sequence.camera.height)[::every])
+        with full_disk_told(new / "row_poses.npy"):
+            np.save(new / "row_poses.npy", read_row_poses(folder, len(sequence), sequence.camera.height)[::every])
 
 
 def _copy(folder: Path, name: str, to: Path) -> None:

@@ -19,7 +19,7 @@ from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.camera_clock import Exposures
-from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.files.writing import full_disk_told, write_text
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.pose import Array, Pose
@@ -76,14 +76,19 @@ def write_frames(
         on_frame()
     write_text(folder / "frames.csv", "\n".join(lines) + "\n")
     if row_ground_truth:
-        np.save(folder / "row_poses.npy", np.array(row_ground_truth))
+        _save(folder / "row_poses.npy", row_ground_truth)
     if isinstance(filming.mount, GimbalMotion):
         write_mounts(folder, filming.mount, exposures.times_ns[arrived], exposures.stamps_ns[arrived])
     if row_mounts:
-        np.save(folder / "row_mounts.npy", np.array(row_mounts))
+        _save(folder / "row_mounts.npy", row_mounts)
     if limit is not None:
         write_bounds(folder, bounds)
     _write_ground_truth(folder, flight, exposures.times_ns[arrived], exposures.stamps_ns[arrived])
+
+
+def _save(path: Path, rows: list[Array]) -> None:
+    with full_disk_told(path):
+        np.save(path, np.array(rows))
 
 
 def write_annotations(

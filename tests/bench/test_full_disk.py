@@ -17,8 +17,10 @@ from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.style import house_style, new_figure, save_figure
 from uavbench.scenes.exports.registry import EXPORTS
 from uavbench.scenes.image_files import finish_video
+from uavbench.trajectories.errors import DiskError
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts
+from uavbench.trajectories.sensors.sensor import Table, write_records
 
 MOST_CALLS = 10_000
 
@@ -159,6 +161,16 @@ def test_a_suite_on_a_full_disk_ends_like_one_with_a_failed_job(tmp_path):
     (tmp_path / "frames" / "000000.png").write_text("no image")
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 2, (done.output, done.exception)
+
+
+@pytest.mark.parametrize("size", [0, 100, 5000])
+def test_a_lidar_that_does_not_fit_is_told_as_a_full_disk(tmp_path, size):
+    """numpy's own error has no number: "5420 requested and 5364 written"."""
+    table = Table(("range_m",), np.arange(5420), np.ones((5420, 1)))
+    with pytest.raises(OSError) as told, files_of_at_most(size):
+        write_records(table, ("range_m",), tmp_path / "lidar.npy")
+    assert told.value.errno in (errno.ENOSPC, errno.EFBIG)
+    assert isinstance(DiskError.of(told.value), DiskError) and everything(tmp_path) == []
 
 
 def test_a_verdict_is_not_told_by_a_full_disk(tmp_path, monkeypatch):

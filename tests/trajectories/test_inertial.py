@@ -118,3 +118,26 @@ def test_the_defaults_are_those_of_the_publications() -> None:
     assert small.accel_noise_m_s2_sqrt_hz == pytest.approx(175e-6 * GRAVITY_M_S2, rel=1e-3)
     assert small.gyro_range_rad_s == pytest.approx(np.radians(2000), rel=1e-3)
     assert small.accel_range_m_s2 == pytest.approx(24 * GRAVITY_M_S2, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("gyro_noise_rad_s_sqrt_hz", 14.0),  # mdeg/s/sqrt(Hz)
+        ("accel_noise_m_s2_sqrt_hz", 175.0),  # micro-g/sqrt(Hz)
+        ("gyro_walk_rad_s2_sqrt_hz", 2.0),
+        ("accel_walk_m_s3_sqrt_hz", 40.0),
+        ("gyro_bias_rad_s", 10.0),  # deg/h
+        ("accel_bias_m_s2", 20.0),  # mg
+        ("gyro_range_rad_s", 2000.0),  # deg/s
+        ("accel_range_m_s2", 24_000.0),  # mg
+    ],
+)
+def test_an_imu_in_other_units_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} {value:g} is more than .*, which no unit has; give it in the unit"):
+        Imu(**{name: value})
+
+
+def test_an_imu_beside_any_vehicle_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"offset_m .* is more than 10 m from the body; give it in metres"):
+        Imu(offset_m=(0.0, 20.0, 0.0))

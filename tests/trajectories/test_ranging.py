@@ -300,3 +300,14 @@ def test_a_sensor_on_the_floor_or_one_that_comes_into_the_structure_is_refused()
     with pytest.raises(UserError, match=r"one reading takes 1 s, and the flight 0\.5 s"):
         RangeFinder(rate_hz=1.0).measure(standing(0.5), BOX, np.random.default_rng(0))
     assert len(RangeFinder(rate_hz=1.0).measure(standing(0.0), BOX, np.random.default_rng(0)).stamps_ns) == 1
+
+
+@pytest.mark.parametrize(("made", "told"), [
+    (lambda: RangeFinder(noise_m=25.0), "noise_m 25 is more than 2 m; give it in metres"),
+    (lambda: RangeFinder(far_noise_m=100.0), "far_noise_m 100 is more than"),
+    (lambda: RangeFinder(resolution_m=10.0), "resolution_m 10 is more than"),
+    (lambda: Lidar2d(offset_m=(0.0, 0.0, 40.0)), r"offset_m .*40.* is more than 10 m from the body; give it in metres"),
+])  # fmt: skip
+def test_parameters_in_millimetres_are_refused(made, told):
+    with pytest.raises(ValueError, match=told):
+        made()

@@ -155,6 +155,17 @@ def write_text(path: Path, text: str, *, kind: str = "") -> None:
 
 
 @contextmanager
+def full_disk_told(path: Path) -> Iterator[None]:
+    """Context in which numpy writes arrays into a file: its error of a short write, which has no number, gets one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+
+
+@contextmanager
 def noting() -> Iterator[set[Path]]:
     """Set of the files written in this context, filled as they are renamed."""
     written: set[Path] = set()

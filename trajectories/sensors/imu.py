@@ -12,11 +12,27 @@ from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.geometry.vectors import Vector, add, cross, rotate, rotation, subtract, transpose, vector
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps
+from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, check_offset, sample_stamps
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
+
+MOST = {
+    "gyro_noise_rad_s_sqrt_hz": 1.0,
+    "gyro_walk_rad_s2_sqrt_hz": 1.0,
+    "accel_noise_m_s2_sqrt_hz": 10.0,
+    "accel_walk_m_s3_sqrt_hz": 10.0,
+    "gyro_bias_rad_s": 1.0,
+    "accel_bias_m_s2": 10.0,
+    "gyro_range_rad_s": 200.0,
+    "accel_range_m_s2": 1e4,
+}
+"""Largest values of parameters, in the units of their names, far above those of units in use.
+
+Consumer units have noise of 2e-4 rad/s/sqrt(Hz) and 3e-3 m/s^2/sqrt(Hz) (data sheets of BMI088 and ADIS16448), and
+ranges to 4000 deg/s (70 rad/s) and 400 g (ICM-20649, H3LIS331DL). Values in micro-g, mg, deg/h or deg/s are beyond.
+"""
 
 
 @dataclass(frozen=True)
@@ -26,6 +42,7 @@ class Imu:
     Noise densities and random walks are those of Kalibr's model: at a step dt the noise has the standard deviation
     density / sqrt(dt), and the bias steps by walk * sqrt(dt). Initial biases are random with the given standard
     deviations. The unit is at offset_m on the body, aligned with its axes. Readings saturate at the ranges.
+    ValueError for values beyond MOST, and an offset beyond that of any vehicle.
     """
 
     measured: ClassVar[tuple[str, ...]] = ("wx_rad_s", "wy_rad_s", "wz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
@@ -40,6 +57,15 @@ class Imu:
     gyro_range_rad_s: Annotated[float, Gt(0)] = 17.45
     accel_range_m_s2: Annotated[float, Gt(0)] = 176.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_offset(self.offset_m)
+        for name, most in MOST.items():
+            if getattr(self, name) > most:
+                raise ValueError(
+                    f"{name} {getattr(self, name):g} is more than {most:g}, which no unit has; give it in the unit of "
+                    "its name (1 deg/s is 0.01745 rad/s, 1 micro-g is 9.807e-6 m/s^2)"
+                )
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Angular rates and specific forces in the body, and the biases that they contain."""

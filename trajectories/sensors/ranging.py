@@ -11,13 +11,15 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_exp, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import check_limits, check_rate, sampled
+from uavbench.trajectories.sensors.sensor import check_limits, check_offset, check_rate, sampled
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
 
 EVERY = 5
 """Stride in rows of a flight, 10 ms, at which a sensor's position is checked."""
+NOISIEST_M = 2.0
+"""Largest noise and resolution, m: data sheets have 0.001 to 0.1; those in mm are beyond."""
 BLOCK = 65_536
 """Rays cast at a time: some 10 MB."""
 
@@ -54,6 +56,10 @@ class LaserRanging:
 
     def __post_init__(self) -> None:
         check_limits(self.least_range_m, self.greatest_range_m)
+        check_offset(self.offset_m)
+        for name in ("noise_m", "far_noise_m", "resolution_m"):
+            if getattr(self, name) > NOISIEST_M:
+                raise ValueError(f"{name} {getattr(self, name):g} is more than {NOISIEST_M:g} m; give it in metres")
 
     @property
     def body_from_sensor(self) -> Array:

@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import new_file, write_text
+from uavbench.trajectories.files.writing import full_disk_told, new_file, write_text
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, read_only
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
+
+FARTHEST_M = 10.0
+"""Largest coordinate of a sensor on the body, m: the radius of the largest air taxis; offsets in mm are beyond it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +115,12 @@ def check_rate(rate_hz: float, flown_ns: int, what: str = "reading", key: str = 
         )
 
 
+def check_offset(offset_m: tuple[float, float, float]) -> None:
+    """ValueError for an offset (x, y, z) in metres that is beyond FARTHEST_M."""
+    if not max(map(abs, offset_m)) <= FARTHEST_M:
+        raise ValueError(f"offset_m {list(offset_m)} is more than {FARTHEST_M:g} m from the body; give it in metres")
+
+
 def check_limits(least_range_m: float, greatest_range_m: float) -> None:
     """ValueError for ranges, metres, between which nothing is measured."""
     if least_range_m >= greatest_range_m:
@@ -165,7 +174,7 @@ def write_records(table: Table, columns: tuple[str, ...], path: Path) -> None:
     records["stamp_ns"] = table.stamps_ns
     for name in columns:
         records[name] = table.column(name)
-    with new_file(path) as new, new.open("wb") as handle:
+    with new_file(path) as new, new.open("wb") as handle, full_disk_told(path):
         np.lib.format.write_array(handle, records, version=(1, 0), allow_pickle=False)
 
 
