@@ -12,6 +12,14 @@ from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 CAM_FROM_FORWARD_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Axis change from a body (x forward, y left, z up) to a camera (x right, y down, z forward) that looks along x."""
+FARTHEST_M = 10.0
+"""Largest coordinate of a camera or sensor on the body, m: the radius of the largest air taxis; mm are beyond."""
+
+
+def check_offset(offset_m: tuple[float, float, float]) -> None:
+    """ValueError for an offset (x, y, z) in metres that is beyond FARTHEST_M."""
+    if not max(map(abs, offset_m)) <= FARTHEST_M:
+        raise ValueError(f"offset_m {list(offset_m)} is more than {FARTHEST_M:g} m from the body; give it in metres")
 
 
 class Motion(Protocol):
@@ -50,13 +58,17 @@ class Mount:
 
     It is rotated from there about the body's z axis by yaw_deg (positive to the left), then about its own lateral axis
     by pitch_deg (positive upwards: -20 looks 20 degrees down), then about its optical axis by roll_deg (positive
-    clockwise in the direction of view). offset_m is the camera centre in the body frame.
+    clockwise in the direction of view). offset_m is the camera centre in the body frame. ValueError for one beyond
+    FARTHEST_M.
     """
 
     pitch_deg: float = 0.0
     yaw_deg: float = 0.0
     roll_deg: float = 0.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_offset(self.offset_m)
 
     @property
     def cam_from_body(self) -> Pose:

@@ -25,7 +25,7 @@ DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2
 def resolved(folder: Path) -> Path:
     """The folder with links resolved; UserError for a dangling link."""
     if folder.is_symlink() and not folder.exists():
-        raise UserError(f"{folder}: is a dangling link; name another folder with --out")
+        raise UserError(f"{folder}: is a dangling link; name another folder")
     return folder.resolve()
 
 
@@ -33,16 +33,14 @@ def refuse_foreign_folder(folder: Path, kind: str = RESULTS) -> None:
     """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a seal of this kind."""
     refuse_within_whole(folder)
     if os.path.lexists(folder) and not folder.is_dir():
-        raise UserError(f"{folder}: not a folder; name another one with --out")
+        raise UserError(f"{folder}: not a folder; name another one")
     if not folder.is_dir() or sealed_kind(folder / SUITE) == kind:
         return
     refuse_foreign_file(folder / SUITE, kind)
     for path in sorted(folder.iterdir()):
         early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
         if not early and not sealed_kind(folder / SUITE) == kind:  # another shard may have written it meanwhile
-            raise UserError(
-                f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder with --out"
-            )
+            raise UserError(f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder")
 
 
 @contextmanager
@@ -60,7 +58,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
             if shard is not None:
                 locks.append(stack.enter_context(_opened(folder / f".lock_{shard.number}_of_{shard.count}")))
         except OSError as error:
-            why = f"{folder}: cannot be written: {error.strerror}; name another folder with --out"
+            why = f"{folder}: cannot be written: {error.strerror}; name another folder"
             raise DiskError.of(error, why) from None
         try:
             for lock, how in zip(locks, (fcntl.LOCK_SH if shard else fcntl.LOCK_EX, fcntl.LOCK_EX), strict=False):
@@ -125,7 +123,7 @@ def _opened(path: Path) -> Iterator[int]:
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
     try:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise UserError(f"{path}: is not a regular file; move it away or name another folder with --out")
+            raise UserError(f"{path}: is not a regular file; move it away or name another folder")
         yield handle
     finally:
         os.close(handle)

@@ -201,3 +201,10 @@ def test_a_lock_file_is_never_written_to(suite, tmp_path):
     with suite_folder(tmp_path / "out", suite):
         pass
     assert (tmp_path / "out" / ".lock").read_text() == "somebody's note"
+
+
+def test_the_folder_of_the_truth_is_not_told_by_the_option_of_another(suite, tmp_path):
+    """`pack` names it with --truth; --out is the participants'."""
+    (tmp_path / "truth").write_text("")
+    with pytest.raises(UserError, match=r"not a folder; name another one$"), suite_folder(tmp_path / "truth", suite):
+        pass

@@ -7,6 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.trajectories.scene import BOX, standing
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088, inertial_ground_truth
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
@@ -141,3 +143,9 @@ def test_an_imu_in_other_units_is_refused(name: str, value: float) -> None:
 def test_an_imu_beside_any_vehicle_is_refused() -> None:
     with pytest.raises(ValueError, match=r"offset_m .* is more than 10 m from the body; give it in metres"):
         Imu(offset_m=(0.0, 20.0, 0.0))
+
+
+@pytest.mark.parametrize("kind", [Mount, Gimbal])
+def test_a_camera_beside_any_vehicle_is_refused(kind: type) -> None:
+    with pytest.raises(ValueError, match=r"offset_m \[30.0, 0.0, 10.0\] is more than 10 m from the body; give it in"):
+        kind(offset_m=(30.0, 0.0, 10.0))

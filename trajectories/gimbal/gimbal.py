@@ -9,7 +9,7 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
-from uavbench.trajectories.camera_mount import CAM_FROM_FORWARD_BODY, Motion, Mount
+from uavbench.trajectories.camera_mount import CAM_FROM_FORWARD_BODY, Motion, Mount, check_offset
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.axes import GimbalAxis, Joints, PitchAxis, RollAxis, YawAxis, turned
 from uavbench.trajectories.gimbal.encoder import Encoder
@@ -50,6 +50,7 @@ class Gimbal:
     encoder: Encoder = field(default_factory=Encoder)
 
     def __post_init__(self) -> None:
+        check_offset(self.offset_m)
         for name, joint in (("pitch_deg", self.pitch_axis), ("roll_deg", self.roll_axis)):
             angle = getattr(self, name)
             if not joint.least_deg <= angle <= joint.greatest_deg:

@@ -8,11 +8,12 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
+from uavbench.trajectories.camera_mount import check_offset
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.geometry.vectors import Vector, add, cross, rotate, rotation, subtract, transpose, vector
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, check_offset, sample_stamps
+from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
 if TYPE_CHECKING:

@@ -8,10 +8,11 @@ from annotated_types import Ge, Gt, Interval, Le
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.camera_mount import check_offset
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_exp, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import check_limits, check_offset, check_rate, sampled
+from uavbench.trajectories.sensors.sensor import check_limits, check_rate, sampled
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh

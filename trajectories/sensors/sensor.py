@@ -18,9 +18,6 @@ from uavbench.trajectories.pose import Array, read_only
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
 
-FARTHEST_M = 10.0
-"""Largest coordinate of a sensor on the body, m: the radius of the largest air taxis; offsets in mm are beyond it."""
-
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -113,12 +110,6 @@ def check_rate(rate_hz: float, flown_ns: int, what: str = "reading", key: str = 
             f"{key} {rate_hz:g}: one {what} takes {1 / rate_hz:g} s, and the flight {flown_ns / 1e9:g} s; raise "
             f"{key.rpartition('.')[2]}, or fly longer"
         )
-
-
-def check_offset(offset_m: tuple[float, float, float]) -> None:
-    """ValueError for an offset (x, y, z) in metres that is beyond FARTHEST_M."""
-    if not max(map(abs, offset_m)) <= FARTHEST_M:
-        raise ValueError(f"offset_m {list(offset_m)} is more than {FARTHEST_M:g} m from the body; give it in metres")
 
 
 def check_limits(least_range_m: float, greatest_range_m: float) -> None:

@@ -97,7 +97,10 @@ class Quadrotor:
             raise UserError("an airframe's actuators need one common ctrlrange, from 0 or more newtons upward")
         allocation = np.column_stack(rows)
         if np.linalg.matrix_rank(allocation) < 4:
-            raise UserError("an airframe's four rotors must reach thrust, roll, pitch and yaw independently")
+            raise UserError(
+                "an airframe's four rotors must reach thrust, roll, pitch and yaw independently: "
+                "in an X, rotors beside each other have opposite signs of yaw"
+            )
         vehicle = cls(
             xml=xml,
             mass_kg=float(model.body_mass[1]),
