@@ -45,12 +45,10 @@ def pack_command(
 def score_submission_command(truth: Path, submission: Path, out: Path | None) -> None:
     """Score the folder of a SUBMISSION against TRUTH, the organizer's folder that `pack` made."""
     from uavbench.bench.challenge.scoring import score_submission
-    from uavbench.reports.leaderboard.submission_score import SubmissionScore
 
     found = score_submission(truth, submission)
     path = out or truth / "submissions" / f"{submission.resolve().name}.json"
-    before = SubmissionScore.load(path) if path.is_file() else found
-    found.save(path)
+    before = found.save(path)
     if before != found:
         say(
             f"{path}: replaced the score of {before.score:.1f} points of an earlier submission called {before.name!r}; "

@@ -9,11 +9,13 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.reading import read_json
 from uavbench.trajectories.files.seals import is_sealed
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
+KIND = "score of a submission"
 RULES = (
     "Hilti 2023 points by position error, none for a frame without a pose; mean over all sequences, of the run with "
     "the median score"
@@ -74,12 +76,29 @@ class SubmissionScore:
             flights.setdefault(sequence.flight, []).append(np.nan if value is None else value)
         return [np.array(values) for values in flights.values()]
 
-    def save(self, path: Path) -> None:
-        """Write the score as JSON; UserError when the file holds the score of another submission."""
-        if path.is_file() and (other := self.load(path).name) != self.name:
-            raise UserError(f"{path}: holds the score of {other!r}, not of {self.name!r}; name another file with --out")
+    def save(self, path: Path) -> "SubmissionScore":
+        """Write the score as JSON; returns the score that it replaces, or this one.
+
+        UserError when the file is none of ours, or holds the score of another submission or by other rules.
+        """
+        before = self._replaced(path)
+        if before.name != self.name:
+            raise UserError(
+                f"{path}: holds the score of {before.name!r}, not of {self.name!r}; name another file with --out"
+            )
         text = json.dumps({"score": self.score, "counted": self.counted, **asdict(self)}, indent=1, allow_nan=False)
-        write_text(path, text + "\n", kind="score of a submission")
+        write_text(path, text + "\n", kind=KIND)
+        return before
+
+    def _replaced(self, path: Path) -> "SubmissionScore":
+        """The score in a file that this one would replace; this one if there is none. UserError as `save`."""
+        refuse_foreign_file(path, KIND)
+        if not path.is_file():
+            return self
+        try:
+            return self.load(path)
+        except UserError as error:
+            raise UserError(f"{error}: move the file away, or name another one with --out") from None
 
     @classmethod
     def load(cls, path: Path) -> "SubmissionScore":

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -318,6 +319,13 @@ def test_scores_have_intervals_and_the_best_is_tested(tmp_path):
             write_leaderboard(tmp_path / "c", bad, "c")
 
 
+def test_a_score_by_other_rules_is_not_replaced_and_what_to_do_is_told(tmp_path):
+    path = tmp_path / "score.json"
+    replace(drawn("team", [40.0]), rules="other").save(path)
+    with pytest.raises(UserError, match=r"by other rules \(other\).*: move the file away, or name another one with"):
+        drawn("team", [50.0]).save(path)
+
+
 def test_a_score_that_was_changed_is_refused(tmp_path):
     path = tmp_path / "score.json"
     drawn("team", [40.0]).save(path)
@@ -328,6 +336,8 @@ def test_a_score_that_was_changed_is_refused(tmp_path):
     path.write_text(path.read_text().replace("50.0", "99.0"))
     with pytest.raises(UserError, match=r"score\.json: is damaged, or was edited"):
         SubmissionScore.load(path)
+    with pytest.raises(UserError, match=r"score\.json: exists and is not an unmodified file of uavbench; move it"):
+        drawn("team", [60.0]).save(path)
     path.write_text("[]")
     with pytest.raises(UserError, match=r"score\.json"):
         SubmissionScore.load(path)
