@@ -16,6 +16,9 @@ SAME_WAY = 0.9
 """Correlation of the distances from the centroid above which two paths count as having the same shape."""
 CLOSE_RAD = np.radians(10.0)
 """Median rotation error in rad below which the quaternion order is not doubted."""
+IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]])
+STILL_RAD, CONSTANT = np.radians(1.0), 0.1
+"""Median turn since the first pose below which any rotation is constant; spread of a constant one in such turns."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
 OTHERWISE: Mapping[str, Callable[[Array], Array]] = {
@@ -49,6 +52,19 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     if found := (align == "none" and _fitting(e, r, lambda q: q)) or _fitting(e, r, _since_first):
         said = " or if ".join(found)
         yield f"the rotations of the estimate would fit if {said}: are their order and direction (to the world) right?"
+    elif align == "none" and (turned_deg := _turned_deg(e, r)):
+        yield (
+            f"the rotations of the estimate are those of the reference, turned by the same {turned_deg:.0f} degrees in "
+            "all poses: are the axes of the camera, body or world others, or is a --mount inverted?"
+        )
+
+
+def _turned_deg(estimate_q: Array, reference_q: Array) -> float:
+    """Angle in degrees of the one rotation of moving axes between rotations (n, 4); 0 if small, or if there is none."""
+    turns, motion_rad = between(reference_q, estimate_q), _angle(_since_first(reference_q), IDENTITY)
+    off_rad, spread_rad = _angle(turns, IDENTITY), _angle(_since_first(turns), IDENTITY)
+    turned = off_rad > CLOSE_RAD and motion_rad > STILL_RAD and spread_rad < CONSTANT * motion_rad
+    return float(np.degrees(off_rad)) if turned else 0.0
 
 
 def _fitting(estimate_q: Array, reference_q: Array, of: Callable[[Array], Array]) -> list[str]:
@@ -86,6 +102,6 @@ def _from_middle(positions_m: Array) -> Array:
 
 
 def _angle(q: Array, other: Array) -> float:
-    """Median angle in rad between rotations (n, 4)."""
-    w = np.abs(np.einsum("ij,ij->i", q, other))  # the real part of conj(q) other
+    """Median angle in rad between rotations (n, 4) or (1, 4)."""
+    w = np.abs((q * other).sum(axis=1))  # the real part of conj(q) other
     return float(np.median(2 * np.arccos(np.clip(w, 0.0, 1.0))))

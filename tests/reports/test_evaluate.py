@@ -311,3 +311,14 @@ def test_a_compressed_file_is_named(tmp_path: Path) -> None:
 def test_a_value_that_an_option_does_not_have_is_named(key: str, value: str, near: str) -> None:
     with pytest.raises(UserError, match=rf"unknown {key} '{value}'.*{near}"):
         evaluate_files(REFERENCE, ESTIMATE, **{key: value})
+
+
+def test_other_axes_of_the_camera_and_an_inverted_mount_are_told(tmp_path: Path) -> None:
+    """All rotations are off by one of the moving axes; by a small one, as of a calibration, nothing is said."""
+    way = circle()
+    truth = written(tmp_path / "truth.tum", way)
+    for angle, told in ((np.pi, "turned by the same 180 degrees"), (1.5, "turned by the same 86 degrees"), (0.1, "")):
+        turn = Pose.exp(np.array([0.0, 0.0, 0.0, angle, 0.0, 0.0]))
+        turned = Trajectory.from_poses(way.stamps_ns.tolist(), [way.pose(k) @ turn for k in range(len(way))])
+        said = evaluate_files(truth, written(tmp_path / f"{angle}.tum", turned)).record["doubts"]
+        assert len(said) == bool(told) and all(told in line and "--mount inverted?" in line for line in said), said
