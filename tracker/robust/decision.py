@@ -14,7 +14,7 @@ from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
-from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
@@ -81,7 +81,7 @@ class Decider:
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
         self.led &= not settled
-        if settled and first and not self.kept_initial:  # an initial pose that was not kept vouches for none near it
+        if settled and first and not (self.kept_initial or self.is_vouched_for(fit)):
             self.doubts.begin(fit)
         anew = self.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
@@ -151,6 +151,10 @@ class Decider:
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
         return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
+
+    def is_vouched_for(self, fit: Fit) -> bool:
+        """Whether a fit is at the initial pose, which may be wrong, and chance does not explain it."""
+        return self.is_as_given(fit) and not is_by_chance(fit, 1)
 
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""
