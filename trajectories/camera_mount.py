@@ -18,7 +18,7 @@ FARTHEST_M = 10.0
 
 def check_offset(offset_m: tuple[float, float, float]) -> None:
     """ValueError for an offset (x, y, z) in metres that is beyond FARTHEST_M."""
-    if not max(map(abs, offset_m)) <= FARTHEST_M:
+    if not all(abs(each) <= FARTHEST_M for each in offset_m):
         raise ValueError(f"offset_m {list(offset_m)} is more than {FARTHEST_M:g} m from the body; give it in metres")
 
 

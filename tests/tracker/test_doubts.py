@@ -128,6 +128,21 @@ def test_a_pose_stays_doubted_while_fits_around_it_end_elsewhere_and_are_about_a
     assert there.doubts.surrounded == settled
 
 
+def test_frames_without_room_are_counted_anew_where_the_poses_around_are(monkeypatch):
+    """Few frames without room among many fits that end elsewhere are no reason to believe one of them."""
+    there = Doubted()
+    base = there.held(there.true)
+    ends = base, replace(base, cam_from_world=off(there.true, 0.0, 0.03))
+    monkeypatch.setattr(there.doubts, "anew", lambda *_: base)
+    monkeypatch.setattr(there.doubts.innocent, "searched", lambda *_: ends[there.doubts.tried % 2])
+    there.doubts.begin(base)
+    there.doubts.without_room = MOST_FRAMES - 1
+    for _ in range(8):
+        there.begin()
+        assert there.doubts.better(there.image, base, there.range_m) is None
+    assert there.doubts.without_room == 0 and not there.doubts.surrounded
+
+
 @pytest.mark.parametrize(("log10_nfa", "by_chance"), [(-4.0, True), (-6.0, False)])
 def test_a_better_pose_is_judged_as_the_best_of_all_frames_so_far(monkeypatch, log10_nfa, by_chance):
     """Among many frames chance finds one in which a wrong pose stands out."""

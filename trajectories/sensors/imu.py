@@ -32,7 +32,7 @@ MOST = {
 """Largest values of parameters, in the units of their names, far above those of units in use.
 
 Consumer units have noise of 2e-4 rad/s/sqrt(Hz) and 3e-3 m/s^2/sqrt(Hz) (data sheets of BMI088 and ADIS16448), and
-ranges to 4000 deg/s (70 rad/s) and 400 g (ICM-20649, H3LIS331DL). Values in micro-g, mg, deg/h or deg/s are beyond.
+ranges to 4000 deg/s (70 rad/s) and 400 g (ICM-20649, H3LIS331DL). Most values in micro-g, mg or deg/h are beyond.
 """
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 EVERY = 5
 """Stride in rows of a flight, 10 ms, at which a sensor's position is checked."""
 NOISIEST_M = 2.0
-"""Largest noise and resolution, m: data sheets have 0.001 to 0.1; those in mm are beyond."""
+"""Largest noise and resolution, m: data sheets have 0.001 to 0.1; those of more than 2 mm are beyond if in mm."""
 BLOCK = 65_536
 """Rays cast at a time: some 10 MB."""
 

@@ -17,7 +17,7 @@ from uavbench.trajectories.pose import Pose
 
 ENOUGH = 32
 """Poses tried around one after which it is not doubted any more, if they tell it well enough. Measured on 264 wrong
-initial poses: with 16, three wrong poses of nine are kept, with 32 none."""
+initial poses, before their spread was: with 16, three wrong poses of nine are kept, with 32 none."""
 MOST_FRAMES = 15
 """Frames without room for a fit after which no more are awaited."""
 
@@ -76,13 +76,13 @@ class Doubts:
             self.without_room += 1
             return None
         base = self.anew(image, fit, range_m)
-        if base.focus is None:
+        if base.focus is None or not base.finite:
             return None
         self.judged += 1
         self.by_chance &= is_by_chance(base, self.judged)
         best = self.best_around(image, base, range_m)
-        if self.surrounding >= ENOUGH and 2.0 * self.spread.sigma > self.config.loss.accuracy:
-            self.surrounding, self.spread = 0, Spread()
+        if self.surrounding >= ENOUGH and not 2.0 * self.spread.sigma <= self.config.loss.accuracy:
+            self.surrounding, self.without_room, self.spread = 0, 0, Spread()
         if is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
             return None
         self.begin(best, self.judged)
@@ -93,7 +93,8 @@ class Doubts:
         best = base
         assert base.focus is not None
         wide = isotropic_covariance(self.config.relocalization.found_sigma, range_m)
-        self.spread.add(base, base, range_m)
+        if not self.spread.away:
+            self.spread.add(base, base, range_m)
         while self.innocent.has_room_for(1) and not self.surrounded:
             self.surrounding, self.tried = self.surrounding + 1, self.tried + 1
             pose = Pose(*self.searcher.nearby(motion(base.cam_from_world), base.focus, self.tried))
