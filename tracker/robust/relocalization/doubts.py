@@ -7,11 +7,11 @@ compared, and judged, by a fitter that has learned nothing.
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.fit.spread import Spread
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE
 from uavbench.tracker.robust.relocalization.relocate import Relocator
-from uavbench.tracker.robust.relocalization.spread import Spread
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
