@@ -35,6 +35,8 @@ VALUES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 MOST_CHUNKS = 16
 """Chunks of a GLB file: one of JSON, one of numbers, and those of extensions, of which none is in use."""
 LARGEST_M, SMALLEST_M = 2000.0, 0.02
+COARSEST = 1e-4
+"""Coarsest step of stored coordinates, in extents of the model: 1 mm of 10 m; in UTM coordinates it is 0.5 m."""
 UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
 """glTF extensions for compressed meshes or images that trimesh cannot decode."""
 STL_HEADER_BYTES, STL_TRIANGLE_BYTES = 84, 50
@@ -77,6 +79,23 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
     if volume < 0 and not borders:
         raise UserError(
             f"{path}: the mesh is inside out (its faces look inwards); flip its normals, or set flip = true in a suite"
+        )
+
+
+def step_of(vertices: Array) -> float:
+    """Distance of neighbouring 32-bit numbers at the largest coordinate of (n, 3); 0 where some are no such numbers."""
+    single = vertices.astype(np.float32)
+    return float(np.spacing(np.abs(single).max(initial=0))) if np.array_equal(single, vertices) else 0.0
+
+
+def check_steps(path: Path, step: float, vertices: Array) -> None:
+    """UserError where a file's numbers round its vertices (n, 3), in its unit, to steps that its shape shows."""
+    extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+    if step > COARSEST * extent:
+        raise UserError(
+            f"{path}: its vertices lie so far from its origin, {np.abs(vertices).max():,.0f} units, that its 32-bit "
+            f"numbers round them to {step:g}; move the model to the origin in your modelling program, or export OBJ "
+            "with all digits"
         )
 
 

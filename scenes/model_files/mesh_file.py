@@ -17,7 +17,7 @@ from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.model_files.cao import read_cao
 from uavbench.scenes.model_files.face_limits import check_count
 from uavbench.scenes.model_files.ifc import read_ifc
-from uavbench.scenes.model_files.mesh_checks import check, check_file, check_textures
+from uavbench.scenes.model_files.mesh_checks import check, check_file, check_steps, check_textures, step_of
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap
@@ -39,8 +39,12 @@ UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 FINE_TRIANGLES = 20_000
 """Pieces of fewer triangles are subdivided, so that baked light has enough vertices."""
 Z_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+FARTHEST_M = 5e5
+"""Farthest coordinate of a model that keeps its origin; at 1,400 km rays no longer tell it from the floor."""
 CLAMPED_UV = 0.01
 """How far a texture that must not repeat may be exceeded, in texture sizes: a pixel of one of 100 px."""
+OF_32_BITS = (".stl", ".ply", ".gltf", ".glb")
+"""Types of files whose coordinates are, or may be, 32-bit numbers; those of text may be as whole as they look."""
 TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 
 
@@ -90,6 +94,11 @@ class MeshFile:
             shift = np.array([*((low + high) / 2)[:2], low[2]])
             pieces = [piece.moved(np.eye(3), -shift) for piece in pieces]
             vertices = vertices - shift
+        elif (far_m := float(np.abs(vertices).max())) > FARTHEST_M:
+            raise UserError(
+                f"{path}: keep_origin = true leaves the model {far_m / 1000:,.0f} km from the origin, farther than the "
+                "ground reaches; delete keep_origin, or move the model in your modelling program"
+            )
         try:
             structure = Structure.from_mesh(vertices, triangles, self.crease_angle_deg, self.min_edge_m)
         except ValueError as error:
@@ -144,7 +153,7 @@ def read(path: Path) -> list[Loaded]:
         raise UserError(f"{path}: {beside.refused[0]}")
     pieces: list[Loaded] = []
     drawn: dict[int, int] = {}
-    triangles = 0
+    triangles, step = 0, 0.0
     for matrix, name in placed:
         mesh = scene.geometry[name]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
@@ -154,11 +163,14 @@ def read(path: Path) -> list[Loaded]:
             if np.shape(mesh.vertices)[1:] != (3,) or corners.min() < 0 or corners.max() >= len(mesh.vertices):
                 raise UserError(f"{path}: a face of {name} refers to a missing vertex; export the model again")
             piece = Loaded(np.array(mesh.vertices, dtype=np.float64), triangles_of(path, mesh), name=str(name))
+            if kind in OF_32_BITS:
+                step = max(step, step_of(piece.vertices) * float(np.linalg.norm(matrix[:3, :3], 2)))
             piece = piece.moved(np.array(matrix[:3, :3]), np.array(matrix[:3, 3]))
             if np.linalg.det(matrix[:3, :3]) < 0:
                 piece = piece.flipped()
             check_textures(path, _pixels(path, mesh.visual, drawn))
             pieces.append(_laid(path, _dressed(path, piece, mesh.visual), beside.textures.get(_material(mesh.visual))))
+    check_steps(path, step, _whole(pieces)[0])
     return pieces
 
 

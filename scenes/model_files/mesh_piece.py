@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from uavbench.scenes.renderables import Texture
 from uavbench.scenes.structure import Indices
@@ -69,9 +70,19 @@ class Loaded:
         return replace(
             self,
             uv=np.asarray(uv, dtype=np.float64),
-            texture=np.asarray(image.convert("RGBA" if holes else "RGB"), dtype=np.uint8),
+            texture=np.asarray(_of_8_bits(image).convert("RGBA" if holes else "RGB"), dtype=np.uint8),
             tint=np.repeat(color, len(self.vertices), axis=0) if physical and color is not None else None,
         )
+
+
+def _of_8_bits(image: Image.Image) -> Image.Image:
+    """A grey image of 16 bits with 8; Pillow's conversion to RGB makes white of all that is above 255 of 65,535.
+
+    ValueError for floating-point samples, of which it is not known which is white.
+    """
+    if image.mode == "F":
+        raise ValueError("the samples of its texture are floating-point numbers; save it with 8 bits")
+    return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)) if image.mode.startswith("I") else image
 
 
 def is_made_up(material: Any, image: Any) -> bool:

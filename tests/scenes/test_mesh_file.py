@@ -571,3 +571,31 @@ def test_a_truncated_binary_stl_file_is_told(tmp_path):
         UserError, match=r"half.stl: is truncated: its header counts 12 triangles, and it holds 10; copy it"
     ):
         MeshFile(path=str(tmp_path / "half.stl")).build(np.random.default_rng(0))
+
+
+UTM_M = (448_123.37, 5_411_234.71, 312.2)
+"""Easting, northing and height of a building."""
+
+
+def boxed_at(place: Path, shift: tuple[float, float, float]) -> Path:
+    """A box of 2.123 by 3.217 by 4.031 m at a place, in a file of its suffix."""
+    mesh = trimesh.creation.box((2.123, 3.217, 4.031))
+    mesh.apply_translation(shift)
+    mesh.export(place)
+    return place
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "glb"])
+def test_a_model_whose_file_rounds_it_far_from_the_origin_is_told(tmp_path: Path, suffix: str) -> None:
+    far = boxed_at(tmp_path / f"far.{suffix}", UTM_M)
+    with pytest.raises(UserError, match=rf"far.{suffix}: .* 5,411,236 units, that its 32-bit numbers round .* 0.5"):
+        built(far)
+    near = built(boxed_at(tmp_path / f"near.{suffix}", (300.0, -200.0, 40.0)))
+    assert sorted(np.ptp(near.structure.vertices, axis=0)) == pytest.approx([2.123, 3.217, 4.031], abs=1e-3)
+
+
+def test_a_model_far_from_the_origin_whose_file_holds_all_digits_is_read(tmp_path: Path) -> None:
+    far = built(boxed_at(tmp_path / "far.obj", UTM_M))
+    assert np.ptp(far.structure.vertices, axis=0) == pytest.approx([2.123, 3.217, 4.031], abs=1e-6)
+    with pytest.raises(UserError, match="keep_origin = true leaves the model 5,411 km from the origin"):
+        built(tmp_path / "far.obj", keep_origin=True)

@@ -109,7 +109,23 @@ def test_texture_coordinates_without_a_material_are_no_fault(tmp_path, says):
     (tmp_path / "a.mtl").write_text("newmtl w\nKd 1 0 0\n")
     faces = "".join(f"f {a}/1 {b}/2 {c}/3\n" for a, b, c in ((1, 3, 2), (1, 2, 4), (2, 3, 4), (1, 4, 3)))
     (tmp_path / "a.obj").write_text(f"{says}{CORNERS}v 0 0 1\n{faces}")
-    (piece,) = read(tmp_path / "a.obj")
+    piece = read(tmp_path / "a.obj")[0]
     assert piece.texture is None and piece.tint is None
     built = MeshFile(path=str(tmp_path / "a.obj")).build(np.random.default_rng(0))
     assert len(built.structure.edges) == 6
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "pgm"])
+def test_grey_textures_of_16_bits_have_their_shades(tmp_path, suffix):
+    written(tmp_path, f"map_Kd deep.{suffix}", f"deep.{suffix}")
+    Image.fromarray(np.full((4, 4), SHADE * 257, np.uint16)).save(tmp_path / f"deep.{suffix}")
+    piece = read(tmp_path / "a.obj")[0]
+    assert piece.texture is not None and (piece.texture == SHADE).all() and piece.texture.shape == (4, 4, 3)
+
+
+def test_a_texture_of_floating_point_numbers_is_told(tmp_path):
+    written(tmp_path, "map_Kd wall.png")
+    header = b"Pf\n2 2\n-1.0\n"
+    (tmp_path / "wall.png").write_bytes(header + np.full(4, 0.5, np.float32).tobytes())
+    with pytest.raises(UserError, match=r"a\.obj: .* samples of its texture are floating-point numbers"):
+        read(tmp_path / "a.obj")
