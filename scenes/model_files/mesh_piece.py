@@ -53,7 +53,7 @@ class Loaded:
         if material is None:
             if getattr(visual, "kind", None) not in ("vertex", "face"):
                 return self
-            colors = np.asarray(visual.vertex_colors, dtype=np.float64)
+            colors = np.asarray(visual.vertex_colors)
             return replace(self, tint=_linear(colors)) if len(colors) == len(self.vertices) else self
         physical = hasattr(material, "baseColorFactor")
         image = material.baseColorTexture if physical else getattr(material, "image", None)

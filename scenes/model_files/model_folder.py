@@ -8,6 +8,7 @@ from urllib.parse import unquote
 from trimesh.resolvers import Resolver
 
 from uavbench.scenes.image_files import TEXTURES, refuse_damage, size_px
+from uavbench.scenes.model_files.obj.colours import check_colours
 from uavbench.scenes.model_files.obj.materials import (
     TextureMap,
     found_name,
@@ -46,6 +47,7 @@ class ModelFolder(Resolver):
             text = read_library(self.folder, library)
             self.textures |= textures_by_material(text)
             texts.append(with_plain_names(text, partial(found_texture, self.folder, library)))
+        check_colours(data, "\n".join(texts))
         self._materials = "\n".join(texts).encode()
         return f"mtllib {MATERIALS}\n".encode() + data
 

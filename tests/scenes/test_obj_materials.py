@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from uavbench.scenes.model_files.mesh_file import MeshFile, read
@@ -129,3 +130,29 @@ def test_a_texture_of_floating_point_numbers_is_told(tmp_path):
     (tmp_path / "wall.png").write_bytes(header + np.full(4, 0.5, np.float32).tobytes())
     with pytest.raises(UserError, match=r"a\.obj: .* samples of its texture are floating-point numbers"):
         read(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("line", ["Kd 200 100 50", "Kd 0.5 255.0 0"])
+def test_a_material_colour_from_0_to_255_is_told(tmp_path, line):
+    with pytest.raises(UserError, match=r"a\.obj: the colour in `Kd .*` is beyond 1, .* divide colours from 0 to 255"):
+        written(tmp_path, line)
+
+
+def test_vertex_colours_from_0_to_255_are_told(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0 0 0 0\nv 5 0 0 200 100 50\nv 0 5 0 0 0 0\nf 1 2 3\n")
+    with pytest.raises(UserError, match=r"a\.obj: the colour in `v 5 0 0 200 100 50` is beyond 1"):
+        read(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("numbers", ["", " 2", " 1 0.5 1", " 1.0 1 0", " 1 0 0 7"])
+def test_weights_and_colours_up_to_1_are_read(tmp_path, numbers):
+    (tmp_path / "a.obj").write_text(f"v 0 0 9{numbers}\nv 5 0 9{numbers}\nv 0 5 9{numbers}\nf 1 2 3\n")
+    assert len(read(tmp_path / "a.obj")[0].triangles) == 1
+
+
+def test_vertex_colours_of_8_bits_that_are_nearly_black_stay_so(tmp_path):
+    mesh = trimesh.creation.box()
+    mesh.visual.vertex_colors = np.tile([1, 1, 0, 255], (8, 1)).astype(np.uint8)
+    mesh.export(tmp_path / "dark.ply")
+    tint = read(tmp_path / "dark.ply")[0].tint
+    assert tint is not None and tint[:, :3].max() < 1e-4
