@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
+from uavbench.tracker.robust.edges.contact_kernels import shown_faces
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -23,8 +24,8 @@ class EdgeMap(NamedTuple):
     none; planes (f, 4) with outward normal n and offset d, n . p = d on the face; triangles for hidden-line removal;
     extent (8, 3) the corners of the bounding box; smooth (e,) whether both faces belong to one rounded surface, so that
     the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
-    surface; in_front (e,) the triangle that last occluded a point of the edge, which is tried first: it saves time and
-    changes nothing else.
+    surface; shown (e, 3, PARTS) the faces that show beside each part, see `shown_faces`; in_front (e,) the triangle
+    that last occluded a point of the edge, which is tried first: it saves time and changes nothing else.
     """
 
     ends: Array
@@ -35,6 +36,7 @@ class EdgeMap(NamedTuple):
     extent: Array
     smooth: NDArray[np.bool_]
     rounded: NDArray[np.bool_]
+    shown: NDArray[np.uint8]
     in_front: Indices
 
     @classmethod
@@ -44,15 +46,22 @@ class EdgeMap(NamedTuple):
         corners = structure.vertices[structure.triangles]
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
+        ends = np.array(structure.edge_segments, order="C")
+        faces = np.array(structure.edge_faces, order="C")
+        inward = _inward(structure, corners)
+        planes = np.column_stack([structure.face_normals, offsets])
+        triangles = Triangles.of(build_tree(corners), structure.triangle_face)
+        low, high = structure.bounds
         return cls(
-            np.array(structure.edge_segments, order="C"),
-            np.array(structure.edge_faces, order="C"),
-            _inward(structure, corners),
-            np.column_stack([structure.face_normals, offsets]),
-            Triangles.of(build_tree(corners), structure.triangle_face),
+            ends,
+            faces,
+            inward,
+            planes,
+            triangles,
             np.array(list(product(*structure.bounds.T))),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
+            shown_faces(ends, faces, inward, planes, triangles, float(np.linalg.norm(high - low))),
             np.full(len(structure.edges), NONE),
         )
 
@@ -62,7 +71,7 @@ class EdgeMap(NamedTuple):
         return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
 
 
-EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! i1!", triangles=TRIANGLES)
+EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! u3! i1!", triangles=TRIANGLES)
 
 
 def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:

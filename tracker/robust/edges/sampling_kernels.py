@@ -23,6 +23,7 @@ from uavbench.tracker.robust.edges.columns import (
     U,
     V,
 )
+from uavbench.tracker.robust.edges.contact_kernels import PARTS
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder, sight_from
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
@@ -219,12 +220,15 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                     continue
                 if n == len(points):
                     continue
+                shown = edges.shown[e, visible[e] - 1, min(PARTS - 1, int(s * PARTS))]
+                if shown == 0:
+                    continue
                 found = occluder(sight, q, triangles, faces[e, 0], faces[e, 1], in_front[e])
                 if found != NONE:
                     in_front[e] = found
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
-                keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
+                keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, shown, min(BINS - 1, int(s * BINS))
                 n += 1
         wanted *= most / max(n, LEAST_VISIBLE * wanted)
     return by_edge(points[:n].copy(), keys[:n].copy())
