@@ -190,9 +190,8 @@ class Decider:
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit, or one of the edges alone if they contradict the patches and have clearly more support."""
         loss, lead = self.config.loss, self.config.relocalization.lead
-        contradict = fit.edge_support < min(loss.min_support, fit.support)
-        room = self.fitter.has_room_for(1)
-        if not (contradict and room and fit.control_points >= MIN_POINTS):
+        contradict = fit.edge_support < min(loss.min_support, fit.support) and fit.control_points >= MIN_POINTS
+        if not (contradict and self.fitter.has_room_for(1)):
             return fit
         with clock.stage("relocalize"):
             kept = self.fitter.texture

@@ -70,16 +70,20 @@ class TrackState:
         recent: whether the last pose is. A fit that was searched may have any support where hardly a pose among all
         those of a search is expected to find as many of its edges by chance.
         """
-        tried, apart_px = log10(SEARCHED_POSES), self.config.solver.estimator.last_width_px
-        if not searched:
-            tried = min(tried, log10_poses_as_near(fit, predicted, apart_px))
-        if not fit.finite or fit.chance.whole + tried >= (0.0 if self.is_first else SURE):
+        if not fit.finite or self.is_by_chance(fit, predicted, searched):
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
         poses = SEARCHED_POSES if searched else HYPOTHESES
         by_chance = fit.chance.edges + log10(poses)
         beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
+
+    def is_by_chance(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
+        """Whether chance explains a fit, among the poses of a search or, without one, those as near to a prediction."""
+        enough, apart_px = 0.0 if self.is_first else SURE, self.config.solver.estimator.last_width_px
+        if fit.chance.whole + log10(SEARCHED_POSES) < enough:  # a track has no more of them than a search
+            return False
+        return searched or fit.chance.whole + log10_poses_as_near(fit, predicted, apart_px) >= enough
 
     def may_begin_at(self, fit: Fit) -> bool:
         """Whether a fit that a search found would do as a first one, of which nothing is known."""

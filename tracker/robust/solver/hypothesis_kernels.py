@@ -1,12 +1,14 @@
 """Compiled RANSAC: the camera motion that agrees with candidates of most edges (Fischler & Bolles 1981)."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.solver.sum_kernels import add_row_of_pose
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 HYPOTHESES = 256
@@ -26,12 +28,31 @@ DRAWS_PER_EDGE = 4
 Indices = NDArray[np.int64]
 
 
-@compiled("measured i1 f1 f0 f2! f1!", inner=True, measured=EDGE_MEASUREMENTS)
-def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier_px: float, A: Array, b: Array) -> None:
+class Drawable(NamedTuple):
+    """Of each control point (n,): number of its candidates, and its edge."""
+
+    counts: Indices
+    edge: Indices
+
+
+@compiled
+def drawable(measured: EdgeMeasurements) -> Drawable:
+    """What hypotheses are drawn by, found once for all of them."""
+    distance, first = measured.candidates.distance, measured.points.first
+    counts, edge = np.zeros(len(distance), np.int64), np.empty(len(distance), np.int64)
+    for e in range(len(first) - 1):
+        for p in range(first[e], first[e + 1]):
+            edge[p] = e
+            for c in range(distance.shape[1]):
+                counts[p] += int(distance[p, c] < np.inf)
+    return Drawable(counts, edge)
+
+
+@inlined
+def add_drawn(measured: EdgeMeasurements, of: Drawable, draws: Array, outlier_px: float, A: Array, b: Array) -> None:
     """Add the candidates selected by `draws` (12,) to the normal equations (A, b), in place.
 
-    counts (n,): number of candidates of each control point. Edges are drawn with a probability proportional to their
-    number of control points: first a point, then its edge.
+    Edges are drawn with a probability proportional to their number of control points: first a point, then its edge.
     """
     distance, J, first = measured.candidates.distance, measured.lines.jacobian, measured.points.first
     n, k = distance.shape
@@ -39,14 +60,12 @@ def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier
     for s in range(EDGES_DRAWN):
         column = DRAWS_PER_EDGE * s
         p = min(n - 1, int(draws[column] * n))
-        e = 0
-        while first[e + 1] <= p:
-            e += 1
+        e = of.edge[p]
         on_edge = first[e + 1] - first[e]
         q = first[e] + min(on_edge - 1, int(draws[column + 1] * on_edge))
-        if counts[p] == 0:
+        if of.counts[p] == 0:
             continue
-        pick = min(counts[p] - 1, int(draws[column + 2] * counts[p]))
+        pick = min(of.counts[p] - 1, int(draws[column + 2] * of.counts[p]))
         d = np.inf
         for c in range(k):
             if distance[p, c] < np.inf:
@@ -63,7 +82,7 @@ def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier
             add_row_of_pose(A, b, J[q], near, information)
 
 
-@compiled("measured f1 f2 f0 f0", inner=True, measured=EDGE_MEASUREMENTS)
+@inlined
 def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, outlier_px: float) -> float:
     """Cost of a twist x (6,): truncated squared distances of the control points, plus the prior; aborted at `most`.
 
@@ -98,23 +117,17 @@ def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, outlier_
     draws (h, 12): uniform numbers; each hypothesis uses two candidates on each of three edges. prior (6, 6):
     information of the predicted pose. Candidates beyond outlier_px are outliers. The first hypothesis is no motion.
     """
-    distance = measured.candidates.distance
-    n, k = distance.shape
+    n, of = len(measured.candidates.distance), drawable(measured)
     best, best_cost = np.zeros(6), np.inf
     x = np.zeros(6)
     A, b = np.empty((6, 6)), np.empty(6)
-    counts = np.zeros(n, np.int64)
-    for p in range(n):
-        for c in range(k):
-            if distance[p, c] < np.inf:
-                counts[p] += 1
     for h in range(len(draws) + 1 if n > 0 else 0):
         if h > 0:
             for i in range(6):
                 b[i] = 0.0
                 for j in range(6):
                     A[i, j] = prior[i, j]
-            add_drawn(measured, counts, draws[h - 1], outlier_px, A, b)
+            add_drawn(measured, of, draws[h - 1], outlier_px, A, b)
             if not solve6(A, b, x):
                 continue
         cost = motion_cost(measured, x, prior, best_cost, outlier_px)
