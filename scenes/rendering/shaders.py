@@ -18,10 +18,10 @@ uniform mat4 model, view_projection;
 out vec3 at, facing;
 out vec4 shade;
 out vec2 st;
+HAND_ON
 #ifdef SHADOW_MAP
 out vec3 in_shadow_map;
 uniform mat4 shadow_from_world;
-uniform vec3 to_lamp;
 uniform float shadow_texel;
 #endif
 #ifdef FAR_SHADOW_MAP
@@ -38,6 +38,7 @@ void main() {
     facing = mat3(model) * normal;
     shade = tint;
     st = uv;
+    HANDED_ON
 #ifdef SOIL
     on_soil = soil_uv;
 #endif
@@ -89,8 +90,7 @@ in vec2 st;
 layout(location = 0) out vec4 color;
 SEEN
 uniform sampler2D surface;
-uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
-uniform float roughness, haze;
+TAKE_OVER
 #ifdef SHADOW_MAP
 in vec3 in_shadow_map;
 uniform sampler2DShadow shadow_map;
@@ -203,8 +203,7 @@ layout(location = 0) out vec4 color;
 SEEN
 uniform sampler2D surface, mirror;
 uniform mat4 view_projection;
-uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
-uniform float roughness, haze;
+TAKE_OVER
 uniform vec2 size;
 CLOUD_SHADOW
 void main() {
@@ -277,6 +276,7 @@ in vec3 at;
 in vec2 st;
 SEEN
 uniform sampler2D surface;
+TAKE_OVER
 void main() {
 #ifdef CUTOUT
     if (texel_of(surface, st).a < 0.5) discard;
@@ -285,10 +285,21 @@ void main() {
 }
 """
 
-SEEN = "layout(location = 1) out vec2 depth_and_facet; uniform vec4 depth_row; uniform float first_facet;"
+SEEN = "layout(location = 1) out vec2 depth_and_facet;"
 SET_SEEN = "depth_and_facet = vec2(dot(depth_row, vec4(at, 1.0)), first_facet + float(gl_PrimitiveID));"
 """Second output of every program: depth in metres, and the row of `Facets` plus 1."""
 
+HANDED = {
+    "vec3": ("eye", "to_lamp", "lamp", "above", "below", "haze_color"),
+    "float": ("roughness", "haze", "first_facet"),
+    "vec4": ("depth_row",),
+}
+"""Uniforms that the vertex shader hands to the fragments: llvmpipe (Mesa 22.3) looks up each number of a uniform for
+each fragment, eight loads for eight of them, and takes that of a flat input once."""
+HANDED_NAMES = [(kind, name) for kind, names in HANDED.items() for name in names]
+HAND_ON = " ".join(f"uniform {kind} {name}; flat out {kind} flat_{name};" for kind, name in HANDED_NAMES)
+HANDED_ON = " ".join(f"flat_{name} = {name};" for _, name in HANDED_NAMES)
+TAKE_OVER = "\n".join(f"flat in {kind} flat_{name};\n#define {name} flat_{name}" for kind, name in HANDED_NAMES)
 
 RIPPLE_SLOPE = 0.004
 """Slope per unit of a ripple texture: 8 bits cover +-0.5."""
@@ -322,7 +333,8 @@ the least difference from supersampled images (docs/sites.md)."""
 
 def with_switches(source: str, *switches: str) -> str:
     """The source with these preprocessor macros defined."""
-    source = source.replace("TEXELS", TEXELS)
+    source = source.replace("TEXELS", TEXELS).replace("TAKE_OVER", TAKE_OVER)
+    source = source.replace("HANDED_ON", HANDED_ON).replace("HAND_ON", HAND_ON)
     source = source.replace("CLOUD_SHADOW", CLOUD_SHADOW).replace("SET_SEEN", SET_SEEN).replace("SEEN", SEEN)
     source = source.replace("LEVEL_PER_COSINE", str(LEVEL_PER_COSINE)).replace("FINER", str(FINER))
     source = source.replace("WET_GAIN", f"{WET_GAIN:.6f}").replace("WET_INNER", f"{WET_INNER:.6f}")
