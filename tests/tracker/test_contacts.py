@@ -88,3 +88,13 @@ def test_an_edge_on_a_wall_keeps_both_of_its_faces():
 def test_a_structure_of_one_part_shows_all_of_its_faces():
     shown = EdgeMap.of(box(), RobustConfig().edges.sampling.rounded_deg).shown
     np.testing.assert_array_equal(shown, np.broadcast_to(np.array([[1], [2], [3]]), shown.shape))
+
+
+def test_sheets_that_are_drawn_from_both_sides_keep_their_edges():
+    triangles = np.concatenate([BOX_TRIANGLES, BOX_TRIANGLES[:, ::-1]])
+    one_sided, eye = boxes(((-0.5, -0.4, 0.0), (0.5, 0.4, 0.7))), (1.5, -2.5, 1.5)
+    corners = box_corners((1.0, 0.8, 0.7), (0.0, 0.0))
+    apart = Structure.from_mesh(np.concatenate([corners, corners]), np.concatenate([BOX_TRIANGLES, triangles[12:] + 8]))
+    shown = EdgeMap.of(apart, RobustConfig().edges.sampling.rounded_deg).shown
+    assert (shown[:, 2] > 0).all()
+    assert len(sampled(apart, eye).points) >= len(sampled(one_sided, eye).points)
