@@ -7,14 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from uavbench.trajectories.geometry.bvh import Tree, build_tree
 from uavbench.trajectories.geometry.distances import mesh_distances
-from uavbench.trajectories.geometry.rays import mesh_crossings, ray_distances, rays_blocked
+from uavbench.trajectories.geometry.rays import are_inside, ray_distances, rays_blocked
 from uavbench.trajectories.geometry.surfaces import MeshOnFloor, Surfaces
 from uavbench.trajectories.pose import Array, read_only
 
 Indices = NDArray[np.int64]
-
-UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
-"""Ray direction that is not parallel to any edge or face of an axis-aligned mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +77,7 @@ class ObstacleMesh:
 
         Solids may thus overlap or touch, and a sheet without thickness has no interior.
         """
-        at = read_only(points, (-1, 3))
-        up, down = (mesh_crossings(self.tree, at, way * UP_A_LITTLE_ASKEW) for way in (1.0, -1.0))
-        return np.asarray(up * down > 0)
+        return are_inside(self.tree, read_only(points, (-1, 3)))
 
     def clearance(self, points: ArrayLike) -> Array:
         """Distance (k,) of points (k, 3) to mesh or floor, metres; negative inside the mesh or under the floor."""

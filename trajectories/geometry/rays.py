@@ -11,6 +11,9 @@ from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
+UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
+"""Ray direction that is not parallel to any edge or face of an axis-aligned mesh."""
+
 
 def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     """Distance (k,) along each unit direction to the first triangle, inf where there is none."""
@@ -46,6 +49,15 @@ def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -
     out = np.empty(directions.shape[:2])
     _distances(tree, origins, directions, within, True, out)
     return out < within
+
+
+def are_inside(tree: Tree, points: Array) -> NDArray[np.bool_]:
+    """Mask (k,) of points (k, 3) inside the mesh: rays up and down both exit it more often than they enter.
+
+    Solids may thus overlap or touch, and a sheet without thickness has no interior.
+    """
+    up, down = (mesh_crossings(tree, points, way * UP_A_LITTLE_ASKEW) for way in (1.0, -1.0))
+    return np.asarray(up * down > 0)
 
 
 def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.int64]:

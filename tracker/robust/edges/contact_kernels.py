@@ -7,9 +7,7 @@ step, and the side between both steps is covered.
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.edges.columns import BOTH_FACES
 from uavbench.tracker.robust.edges.hidden_line_kernels import STACK, TRIANGLES, Triangles
-from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -22,12 +20,10 @@ BESIDE_EDGE = 1e-4
 """
 PARALLEL = float(np.cos(np.radians(0.5)))
 """Least product of the normals of faces that are taken for parallel, see `structure.COPLANAR_ANGLE_DEG`."""
-SKEW = 0.0123
-"""Part by which a ray is turned from a normal, so that it does not run along the edges of regular parts."""
-TINY = 1e-300
-"""Keeps 0 * inf out of the test of boxes."""
 SAME_WAY, OPPOSITE = 1, 2
 """Bits of the outsides of the faces at a place of a plane."""
+WITHIN, BEYOND = 0, 1
+"""Places beside an edge: on its face, and across the edge from there."""
 
 Indices = NDArray[np.int64]
 
@@ -85,77 +81,30 @@ def faces_at(
     return found
 
 
-@compiled("f1! f1! triangles f2! i1!", inner=True, triangles=TRIANGLES)
-def is_inside(point: Array, direction: Array, triangles: Triangles, planes: Array, stack: Indices) -> bool:
-    """Whether a point (3,) is inside a part: along a ray from there more faces are left through than entered."""
-    boxes, nodes = triangles.boxes, triangles.nodes
-    stack[0] = 0
-    depth, left = 1, 0
-    while depth > 0:
-        depth -= 1
-        node = stack[depth]
-        near, far = 0.0, np.inf
-        for k in range(3):
-            one = (boxes[node, 0, k] - point[k]) / (direction[k] + TINY)
-            two = (boxes[node, 1, k] - point[k]) / (direction[k] + TINY)
-            near, far = max(near, min(one, two)), min(far, max(one, two))
-        if near > far:
-            continue
-        if nodes[node, 0] >= 0:
-            stack[depth], stack[depth + 1] = nodes[node, 0], nodes[node, 1]
-            depth += 2
-            continue
-        first = -nodes[node, 0] - 1
-        for m in range(first, first + nodes[node, 1]):
-            a, b, c = triangles.corners[m, 0], triangles.corners[m, 1], triangles.corners[m, 2]
-            if ray_triangle(point, direction, a, b, c) < np.inf:
-                f, out = triangles.face[m], 0.0
-                for k in range(3):
-                    out += planes[f, k] * direction[k]
-                left += 1 if out > 0.0 else -1
-    return left > 0
-
-
 @compiled("f3! i2! f3! f2! triangles f0", triangles=TRIANGLES)
-def shown_faces(
+def faces_beside(
     ends: Array, faces: Indices, inward: Array, planes: Array, triangles: Triangles, size: float
 ) -> NDArray[np.uint8]:
-    """Bits of the faces that show beside each part of each edge (e, 3, PARTS), 0 where it is no edge of the surface.
+    """Bits of other faces in the plane of each face of each edge (e, 2, 2, PARTS), beside each part of the edge.
 
-    A face is covered where another part begins: the back of a sheet that is drawn from both sides covers nothing.
-    The second axis is the bits of the faces that face the camera, less one. The arrays are those of `EdgeMap`; size:
-    diagonal of the structure.
+    The second axis is the face, the third WITHIN or BEYOND: on the face, or where it would go on across the edge. The
+    arrays are those of `EdgeMap`; size: diagonal of the structure.
     """
-    shown = np.zeros((len(ends), 3, PARTS), np.uint8)
-    stack, place, normal, ray = np.empty(STACK, np.int64), np.empty(3), np.empty(3), np.empty(3)
+    found = np.zeros((len(ends), 2, 2, PARTS), np.uint8)
+    stack, place, normal = np.empty(STACK, np.int64), np.empty(3), np.empty(3)
     for e in range(len(ends)):
-        for part in range(PARTS):
-            s = (part + 0.5) / PARTS
-            covered, goes_on = 0, 0
-            for side in range(2):
-                f = faces[e, side]
-                if f < 0:
-                    continue
-                for k in range(3):
-                    normal[k] = planes[f, k]
-                for step in range(2):
-                    away = BESIDE_EDGE * size * (1.0 - 2.0 * step)
+        for side in range(2):
+            if faces[e, side] < 0:
+                continue
+            for k in range(3):
+                normal[k] = planes[faces[e, side], k]
+            for across in range(2):
+                away = BESIDE_EDGE * size * (1.0 if across == WITHIN else -1.0)
+                for part in range(PARTS):
+                    s = (part + 0.5) / PARTS
                     for k in range(3):
                         place[k] = ends[e, 0, k] + s * (ends[e, 1, k] - ends[e, 0, k]) + away * inward[e, side, k]
-                    found = faces_at(place, normal, COPLANAR * size, triangles, planes, faces[e], stack)
-                    if step == 0 and found & OPPOSITE:
-                        for k in range(3):
-                            place[k] += BESIDE_EDGE * size * normal[k]
-                            ray[k] = (
-                                normal[k]
-                                + SKEW * inward[e, side, k]
-                                + 2.0 * SKEW * (ends[e, 1, k] - ends[e, 0, k]) / size
-                            )
-                        if is_inside(place, ray, triangles, planes, stack):
-                            covered |= 1 << side
-                    if step == 1 and found & SAME_WAY:
-                        goes_on |= 1 << side
-            for facing in range(1, BOTH_FACES + 1):
-                seen = facing & ~covered
-                shown[e, facing - 1, part] = 0 if seen != BOTH_FACES and seen & goes_on else seen
-    return shown
+                    found[e, side, across, part] = faces_at(
+                        place, normal, COPLANAR * size, triangles, planes, faces[e], stack
+                    )
+    return found

@@ -8,9 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
-from uavbench.tracker.robust.edges.contact_kernels import shown_faces
+from uavbench.tracker.robust.edges.columns import BOTH_FACES
+from uavbench.tracker.robust.edges.contact_kernels import (
+    BESIDE_EDGE,
+    BEYOND,
+    OPPOSITE,
+    PARTS,
+    SAME_WAY,
+    WITHIN,
+    faces_beside,
+)
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
-from uavbench.trajectories.geometry.bvh import build_tree
+from uavbench.trajectories.geometry.bvh import Tree, build_tree
+from uavbench.trajectories.geometry.rays import are_inside
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
 
@@ -24,7 +34,7 @@ class EdgeMap(NamedTuple):
     none; planes (f, 4) with outward normal n and offset d, n . p = d on the face; triangles for hidden-line removal;
     extent (8, 3) the corners of the bounding box; smooth (e,) whether both faces belong to one rounded surface, so that
     the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
-    surface; shown (e, 3, PARTS) the faces that show beside each part, see `shown_faces`; in_front (e,) the triangle
+    surface; shown (e, 3, PARTS) the faces that show beside each part, see `_shown`; in_front (e,) the triangle
     that last occluded a point of the edge, which is tried first: it saves time and changes nothing else.
     """
 
@@ -50,8 +60,10 @@ class EdgeMap(NamedTuple):
         faces = np.array(structure.edge_faces, order="C")
         inward = _inward(structure, corners)
         planes = np.column_stack([structure.face_normals, offsets])
-        triangles = Triangles.of(build_tree(corners), structure.triangle_face)
-        low, high = structure.bounds
+        tree = build_tree(corners)
+        triangles = Triangles.of(tree, structure.triangle_face)
+        size = float(np.linalg.norm(np.diff(structure.bounds, axis=0)))
+        beside = faces_beside(ends, faces, inward, planes, triangles, size)
         return cls(
             ends,
             faces,
@@ -61,7 +73,7 @@ class EdgeMap(NamedTuple):
             np.array(list(product(*structure.bounds.T))),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
-            shown_faces(ends, faces, inward, planes, triangles, float(np.linalg.norm(high - low))),
+            _shown(beside, _places_outside(structure, inward, BESIDE_EDGE * size), tree),
             np.full(len(structure.edges), NONE),
         )
 
@@ -126,3 +138,27 @@ def _distance_to_sides(point: Array, triangles: Array) -> Array:
     start, side = triangles, np.roll(triangles, -1, axis=1) - triangles
     part = np.clip(np.einsum("mij,mij->mi", point - start, side) / np.einsum("mij,mij->mi", side, side), 0, 1)
     return np.asarray(np.linalg.norm(point - start - part[..., None] * side, axis=2).min(axis=1))
+
+
+def _places_outside(structure: Structure, inward: Array, away: float) -> Array:
+    """Places (e, 2, PARTS, 3) beside each part of each edge, `away` from it and outside of either face."""
+    part = ((np.arange(PARTS) + 0.5) / PARTS)[:, None]
+    start, end = structure.edge_segments[:, :1], structure.edge_segments[:, 1:]
+    beside = inward + structure.face_normals[structure.edge_faces]
+    return np.asarray((start + part * (end - start))[:, None] + away * beside[:, :, None])
+
+
+def _shown(beside: NDArray[np.uint8], outside: Array, tree: Tree) -> NDArray[np.uint8]:
+    """Bits of the faces that show beside each part of each edge (e, 3, PARTS), 0 where it is no edge of the surface.
+
+    The second axis is the bits of the faces that face the camera, less one. A face is covered where another part
+    begins: the back of a sheet that is drawn from both sides covers nothing.
+    """
+    covered = (beside[:, :, WITHIN] & OPPOSITE) > 0
+    covered[covered] = are_inside(tree, outside[covered])
+    goes_on = (beside[:, :, BEYOND] & SAME_WAY) > 0
+    one_two = np.array([1, 2])[:, None]
+    facing = np.arange(1, BOTH_FACES + 1)[:, None]
+    seen = facing & ~(covered * one_two).sum(axis=1)[:, None]
+    joint = (seen != BOTH_FACES) & ((seen & (goes_on * one_two).sum(axis=1)[:, None]) > 0)
+    return np.where(joint, 0, seen).astype(np.uint8)
