@@ -11,6 +11,7 @@ All files are byte-identical on every run, except times.csv and its hash in reco
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -70,6 +71,13 @@ class Results:
     def ok(self) -> NDArray[np.bool_]:
         """Whether each frame has a pose (n,)."""
         return np.array([row.status == "ok" for row in self.rows], dtype=bool)
+
+    @property
+    def summary(self) -> str:
+        """How many frames have a pose, and what became of the others, for people."""
+        count = Counter(row.status for row in self.rows)
+        others = [f"{count[status]} {status.replace('_', ' ')}" for status in get_args(Status)[1:] if count[status]]
+        return ", ".join([f"{count['ok']} of {len(self)} frames with a pose", *others])
 
     @property
     def cam_from_body(self) -> Pose:

@@ -236,7 +236,7 @@ def track_real(
         raise UserError(why)
     for doubt in results.record["doubts"]:
         say(f"doubt: {doubt}", err=True)
-    say(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
+    say(f"{results.summary}: {out / f'estimate_{results.frame}.tum'}")
 
 
 def schema() -> str:

@@ -38,7 +38,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
     yield from faults
     if faults and isinstance(tracker, External | ThirdPartyTracker):
         yield f"its job folder: {kept_folder}"
-    yield f"frames with a pose: {int(first.ok.sum())} of {len(first)}"
+    yield first.summary
     yield from _accuracy(first, sequence)
     mistaken = _mistaken(first, sequence)
     astray = "" if mistaken else _astray(first, sequence)
