@@ -6,6 +6,7 @@ That the package installs from its wheel is a step of `.ci/run`.
 import importlib
 import os
 import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -40,6 +41,15 @@ for word; do case $word in body=@*) cat "${word#body=@}" > "$GH_CALLS.body" ;; e
 
 def load(name):
     return importlib.import_module("yaml").safe_load((RECIPES / name).read_text())
+
+
+def cached(recipe):
+    """Paths that a recipe keeps from one run to the next."""
+    gate = load(recipe)["jobs" if recipe.startswith("github") else "gate"]
+    if recipe == "gitlab.yml":
+        return gate["cache"]["paths"]
+    (step,) = [step for step in gate["gate"]["steps"] if step.get("uses", "").startswith("actions/cache@")]
+    return step["with"]["path"].split()
 
 
 def steps(recipe, job):
@@ -134,6 +144,22 @@ def test_github_comments_the_verdict_and_keeps_its_code(foreign):
         assert (foreign.folder / "calls.body").read_text() == comment
 
 
+@pytest.mark.parametrize("recipe", ["github.yml", "gitlab.yml"])
+def test_frames_that_a_recipe_keeps_are_not_rendered_again(foreign, recipe):
+    """With what the cache brings, and nothing else of the earlier run."""
+    render = "uavbench render suite.toml --jobs 1 --out out/compare/head"  # as `compare` does first
+    first = foreign.shell(render)
+    assert first.returncode == 0, first.stderr
+    (foreign.folder / "out").rename(foreign.folder / "before")
+    for path in map(Path, cached(recipe)):
+        kept, place = foreign.folder / "before" / path.relative_to("out"), foreign.folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if kept.is_dir() else shutil.copy)(kept, place)
+    again = foreign.shell(render)
+    assert again.returncode == 0, again.stderr
+    assert "0 jobs done, 5 were fresh" in again.stderr
+
+
 @pytest.mark.parametrize("pictures", [False, True])
 def test_a_comment_without_a_place_for_pictures_has_none(foreign, pictures):
     """Before a verdict there is none; without the right to push, none is shown."""
@@ -209,8 +235,9 @@ def test_nightly_keeps_the_code_of_the_run(foreign):
 
 def test_the_history_is_kept_on_its_branch_and_grows_with_each_commit(foreign):
     step = steps("github-history.yml", "history")
-    for number in (1, 2):
-        foreign.git("commit", "-q", "--allow-empty", "-m", f"change {number}")
+    for number, again in ((1, False), (2, False), (2, True)):
+        if not again:  # a person may run the job of a commit again
+            foreign.git("commit", "-q", "--allow-empty", "-m", f"change {number}")
         measured = foreign.shell(step["Measure"])
         assert measured.returncode == 0, measured.stderr
         done = foreign.shell(step["History"])
