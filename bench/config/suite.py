@@ -14,7 +14,7 @@ from uavbench.bench.config.loops import loop_mistakes, with_shared_loop
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.config.validation_errors import explain
-from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.inputs.content_hash import content_hash, contents
 from uavbench.bench.inputs.file_paths import located
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
@@ -35,8 +35,9 @@ class Suite:
     """A validated suite: sequences (one per name and seed), trackers by label, and the rates at which they run.
 
     Its sequences are either all rendered or all recorded, since errors need ground truth. start: source of the initial
-    pose; protocols: protocols run in addition to the free run; flights: hash of the file's keys that concern sequences;
-    loops: closed-loop configurations by name, "" for a single one, empty for a suite that is not flown.
+    pose; protocols: protocols run in addition to the free run; flights: hash of the file's keys that concern sequences,
+    and of the files that these name; loops: closed-loop configurations by name, "" for a single one, empty for a suite
+    that is not flown.
     """
 
     name: str
@@ -82,8 +83,10 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     errors += _same_flights([spec for spec in sequences if spec is not None and spec.seed == checked.seeds[0]])
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
-    flown = (data.get("loop"), data.get("loops")) if loops else ()
-    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"), *flown)
+    more = [data.get("loop"), data.get("loops")] if loops else []
+    if files := contents([spec for spec in sequences if spec.seed == checked.seeds[0]]):
+        more.append(files)
+    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"), *more)
     return Suite(
         name=path.stem,
         title=checked.title,

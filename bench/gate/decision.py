@@ -91,13 +91,18 @@ class Finding:
 def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Finding]:
     """Findings on all trackers of the baseline, a folder or a file; UserError when the two cannot be compared."""
     head = read_side(results)
+    if not baseline.exists():
+        raise UserError(
+            f"{baseline}: no such baseline; name the folder of another run, or make a file of this one with `uavbench "
+            f"gate {results} --baseline {baseline} --update`"
+        )
     base = read_baseline(baseline, head.flights) if baseline.is_file() else read_side(baseline)
     if not base.runs:
         raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
     if base.is_flown and base.flights != head.flights:  # a flight's score does not identify its inputs
         raise UserError(
-            f"{baseline} and {results} are of different flights: their suites differ in sequences, seeds, start or "
-            "loops; fly the same suite in both"
+            f"{baseline} and {results} are of different flights: their suites differ in sequences, seeds, start, "
+            "loops or the files that these name; fly the same suite in both"
         )
     return compare_sides(base, head, read_timing(results), margins)
 

@@ -98,6 +98,19 @@ def file_form(path: Path) -> list[str]:
     return form if library is None else [*form, *build(library)]
 
 
+def contents(value: Any) -> list[list[str]]:
+    """Name and digest of each data file that specs and plug-ins name, in order; of a model those that it names, too."""
+    if isinstance(value, Mapping | list | tuple):
+        parts = value.values() if isinstance(value, Mapping) else value
+        return [form for part in parts for form in contents(part)]
+    if not is_dataclass(value) or isinstance(value, type):
+        return []
+    given = {f.name: getattr(value, f.name) for f in fields(value)}
+    paths = [Path(text) for name, text in given.items() if names_a_file(name) and text and isinstance(text, str)]
+    forms = [file_form(path)[:2] for path in (*paths, *getattr(value, "entering_files", ()))]
+    return [*forms, *contents(given)]
+
+
 def code_hash(*packages: str) -> str:
     """Hash of the sources of these packages, of the builds of the libraries, and of what the environment makes of them.
 

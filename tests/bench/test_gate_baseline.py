@@ -4,6 +4,8 @@ import hashlib
 import json
 import math
 import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,33 @@ from uavbench.bench.gate.decision import Margins, gate, overall
 from uavbench.bench.gate.paired_scores import FLOWN, Measured, Side, read_side
 from uavbench.trajectories.errors import UserError
 
+TRIAL = Path(__file__).parents[2] / "bench" / "trial" / "sequence"
+RENDERED = """
+title = "Of files"
+rates_hz = [15.0]
+sequences.mine.structure = { kind = "mesh", path = "house.obj" }
+sequences.mine.environment = { kind = "studio" }
+sequences.mine.flight.path = { kind = "waypoints", file = "way.csv" }
+sequences.mine.flight.airframe = { kind = "file", path = "vehicle.toml" }
+sequences.flown.structure = { kind = "box" }
+sequences.flown.environment = { kind = "studio" }
+sequences.flown.flight.path = { kind = "recorded", file = "flight.tum" }
+trackers.hold = { kind = "hold" }
+trackers.own = { kind = "external", command = ["sh", "own.sh"], input_files = ["weights.txt"] }
+"""
+RECORDED = """
+title = "Of images"
+rates_hz = [15.0]
+trackers.hold = { kind = "hold" }
+[recordings.mine]
+rate_hz = 15.0
+[recordings.mine.source]
+kind = "files"
+images_path = "images"
+model_file = "house.obj"
+camera_file = "camera.toml"
+init_file = "init.toml"
+"""
 WIDE = Margins(error=0.2, resolution=1.0)
 COMMITTED = suite_file("gate-small").parents[1] / "baselines" / "gate-small.json"
 
@@ -87,6 +116,48 @@ def test_other_flights_are_refused(tmp_path, baseline):
     head = write(tmp_path / "head", drawn(np.random.default_rng(1)), flights="others")
     with pytest.raises(UserError, match="flights have changed"):
         gate(head, baseline)
+
+
+@pytest.fixture
+def suites(tmp_path):
+    """Folder of a suite that is rendered and one of recordings, with every file that their sequences name."""
+    for name in ("model.obj", "camera.toml"):
+        shutil.copy(TRIAL / name, tmp_path)
+    (tmp_path / "model.obj").rename(tmp_path / "house.obj")
+    (tmp_path / "house.obj").write_text("mtllib house.mtl\n" + (tmp_path / "house.obj").read_text())
+    (tmp_path / "house.mtl").write_text("newmtl brick\nmap_Kd brick.png\n")
+    shutil.copytree(TRIAL / "frames", tmp_path / "images")
+    shutil.copy(TRIAL / "frames" / "000000.png", tmp_path / "brick.png")
+    (tmp_path / "init.toml").write_text("cam_from_model = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]\n")
+    (tmp_path / "vehicle.toml").write_text('like = "crazyflie"\n')
+    for name in ("way.csv", "flight.tum", "own.sh", "weights.txt"):
+        (tmp_path / name).write_text("as at first\n")
+    (tmp_path / "rendered.toml").write_text(RENDERED)
+    (tmp_path / "recorded.toml").write_text(RECORDED)
+    return tmp_path
+
+
+OF_BOTH = {"house.obj", "house.mtl", "brick.png"}
+FILES = {
+    "rendered": OF_BOTH | {"way.csv", "flight.tum", "vehicle.toml"},
+    "recorded": OF_BOTH | {"camera.toml", "init.toml", "images/000001.png"},
+}
+
+
+@pytest.mark.parametrize(("suite", "file"), [(suite, file) for suite in FILES for file in sorted(FILES[suite])])
+def test_another_content_of_a_file_of_the_flights_makes_other_flights(suites, suite, file):
+    before = load_suite(suites / f"{suite}.toml").flights
+    with (suites / file).open("ab") as end:
+        end.write(b"\n")
+    assert load_suite(suites / f"{suite}.toml").flights != before
+
+
+def test_files_of_trackers_and_where_a_suite_lies_are_not_of_its_flights(suites, tmp_path_factory):
+    before = load_suite(suites / "rendered.toml").flights
+    for name in ("own.sh", "weights.txt"):
+        (suites / name).write_text("changed\n")
+    moved = shutil.copytree(suites, tmp_path_factory.mktemp("elsewhere") / "suites")
+    assert load_suite(moved / "rendered.toml").flights == before
 
 
 def test_no_baseline_is_made_of_a_run_that_is_missing_or_crashed(tmp_path):
