@@ -87,6 +87,11 @@ def gate_command(
     """
     if baseline is None and (history is None or update):
         raise click.UsageError("give --baseline to compare with, or --record to keep the results")
+    verdict = out or results / "gate"
+    if baseline is not None and not update:
+        from uavbench.bench.gate.findings import remove_verdict
+
+        remove_verdict(verdict)  # first, because the record may be refused
     if history is not None:
         from uavbench.bench.history.record import Where, record
 
@@ -103,7 +108,7 @@ def gate_command(
         return
     from uavbench.bench.gate.findings import pronounce
 
-    sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
+    sys.exit(pronounce(results, baseline, margins, verdict))
 
 
 @click.command("history")

@@ -22,7 +22,7 @@ from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.gate.compare_sides import Side, at_work, file_of, keys_of, statements
 from uavbench.bench.gate.decision import Margins
-from uavbench.bench.gate.findings import pronounce
+from uavbench.bench.gate.findings import pronounce, remove_verdict
 from uavbench.bench.gate.versions import version
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
@@ -55,6 +55,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     out = resolved(out)
     for path, kind in ((out / "base" / SUITE, RESULTS), (out / "head" / "timing.json", TIMING)):
         refuse_foreign_file(path, kind)
+    remove_verdict(out / "gate")
     given = suite_file(suite_name)
     file = given.parent.resolve() / given.name
     with ExitStack() as stack:

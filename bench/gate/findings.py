@@ -11,6 +11,7 @@ from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
 from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
+from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
 
 HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "margin", "verdict", "why"]
@@ -22,6 +23,7 @@ FOOT = (
     "clips each run's ratio; baseline and value are not defined for it."
 )
 VERDICT = "verdict of the gate"
+FILES = ("gate.json", "gate.xml", "gate.md")
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
 
@@ -33,11 +35,21 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
     return EXIT_CODES[overall(findings)]
 
 
+def remove_verdict(folder: Path) -> None:
+    """Remove the verdict of an earlier gate, which one that ends without a verdict would leave as if it were its own.
+
+    A file that was edited since stays.
+    """
+    for path in (folder / name for name in FILES):
+        if sealed_kind(path) == VERDICT:
+            path.unlink()
+
+
 def write_reports(findings: list[Finding], margins: Margins, folder: Path, worst: str = "") -> None:
     """Write gate.json, gate.xml (JUnit) and gate.md, at its end the worst sequences."""
-    write_text(folder / "gate.json", to_json(findings, margins), kind=VERDICT)
-    write_text(folder / "gate.xml", to_junit(findings), kind=VERDICT)
-    write_text(folder / "gate.md", "\n".join(part for part in (to_markdown(findings), worst) if part), kind=VERDICT)
+    summary = "\n".join(part for part in (to_markdown(findings), worst) if part)
+    for name, text in zip(FILES, (to_json(findings, margins), to_junit(findings), summary), strict=True):
+        write_text(folder / name, text, kind=VERDICT)
 
 
 def cells(finding: Finding) -> list[str]:

@@ -1,6 +1,7 @@
 """Scores of two folders of a suite, paired by run: same tracker, rate and frames."""
 
 import math
+import os
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -132,6 +133,8 @@ class Side:
 
 def read_side(folder: Path) -> Side:
     """Measured values of a suite's folder; UserError when it is not one, or when a score was changed."""
+    if not os.path.lexists(folder / "suite.json"):
+        raise UserError(f"{folder}: has no suite.json, as folders of `uavbench run`, `score` and `fly` have; name one")
     about = read_json(folder / "suite.json")
     found: dict[Key, Measured] = {}
     faults: dict[Key, str] = {}
@@ -176,7 +179,8 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
     if base.images and head.images and base.images != head.images:
         raise UserError(
             f"{what}: baseline and results are of the same flight, but its images differ: another GL driver, CPU or "
-            "library rendered them; use `uavbench compare`, or copy the folder `sequences` of one to the other"
+            "library rendered them; use `uavbench compare`, or copy the folders `sequences` and `made` of one to the "
+            "other, and score it again"
         )
     for part in (*HOW, FLOWN):
         if base.how.get(part) != head.how.get(part):

@@ -28,6 +28,8 @@ the nearest facet; hills, ground and plants of a site.
 8: the plants of a site, and the ripples of its river; distant hills; clouds at the ends of their tile;
 shadows of scenes of more than 20 m; with distortion, depth, masks, flow and normals of thin faces and at the sky.
 """
+OF_A_SEQUENCE = ("sequence.json", "manifest.json")
+"""JSON files of a sequence's folder."""
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")
 LONGEST_NS = 10**18
@@ -38,7 +40,8 @@ SHOWN = 60
 
 def read_json(path: Path) -> dict[str, Any]:
     """JSON object of a file that lies in its folder; UserError naming the file."""
-    return reading.read_json(path, inside=path.parent, hint=" (is this a sequence folder?)")
+    hint = " (is this a sequence folder?)" if path.name in OF_A_SEQUENCE else ""
+    return reading.read_json(path, inside=path.parent, hint=hint)
 
 
 def check_info(path: Path, info: Mapping[str, Any]) -> None:

@@ -207,6 +207,38 @@ def test_command_and_reports(sides, tmp_path):
     assert CliRunner().invoke(main, ["gate", str(tmp_path / "no"), "--baseline", str(base)]).exit_code == 2
 
 
+@pytest.mark.parametrize("ending", ["baseline", "results", "record"])
+def test_a_gate_without_a_verdict_leaves_none_of_an_earlier_one(sides, tmp_path, ending):
+    head, base = map(str, sides(drawn))
+    out = tmp_path / "ci"
+    assert CliRunner().invoke(main, ["gate", head, "--baseline", base, "--out", str(out)]).exit_code == 0
+    (out / "mine.md").write_text("notes")
+    (tmp_path / "history.json").write_text("{}")
+    again = {
+        "baseline": [head, "--baseline", str(tmp_path / "gone")],
+        "results": [str(tmp_path / "gone"), "--baseline", base],
+        "record": [head, "--baseline", base, "--record", str(tmp_path / "history.json")],
+    }[ending]
+    result = CliRunner().invoke(main, ["gate", *again, "--out", str(out)])
+    assert result.exit_code == 2, result.output
+    assert [path.name for path in out.iterdir()] == ["mine.md"]
+
+
+def test_a_baseline_that_is_not_there_is_told_with_how_to_make_it(sides):
+    head, base = sides(drawn)
+    with pytest.raises(UserError, match=r"gone\.json: no such baseline; .*--baseline .*gone\.json --update"):
+        gate(head, base.parent / "gone.json")
+
+
+def test_what_is_no_folder_of_results_and_a_run_without_a_score_are_told_as_that(sides, tmp_path):
+    head, base = sides(drawn)
+    with pytest.raises(UserError, match=r"results: has no suite\.json, as folders of `uavbench run`"):
+        gate(head / "results", base)
+    next(iter(sorted(head.glob("results/*/*/score.json")))).unlink()
+    (why,) = read_side(head).faults.values()
+    assert why.endswith("score.json: no such file")
+
+
 @pytest.mark.parametrize("option", ["--margin", "--latency-margin", "--coverage-margin", "--resolution"])
 @pytest.mark.parametrize("command", [["gate", ".", "--baseline", "."], ["compare", "HEAD"]])
 def test_a_number_of_one_and_more_must_say_percent(option, command):
