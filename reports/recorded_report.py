@@ -27,7 +27,7 @@ from uavbench.reports.scoring.runs import ReportEntry, missing_results
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import colour, house_style, line, new_figure, save_figure
 from uavbench.reports.tables.columns import Column
-from uavbench.reports.tables.summary_table import Cell, Table, runs_of
+from uavbench.reports.tables.summary_table import Cell, Table, not_rendered, noted, runs_of
 from uavbench.reports.tables.writers import heads, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
@@ -80,19 +80,21 @@ def write_recorded_report(
     entries: ListOf[ReportEntry],
     *,
     absent: Mapping[str, str],
+    unrendered: Mapping[str, str] = {},
     content_hash: str = "",
     on_step: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write the report over runs on recordings; the path of its index.html.
 
-    absent: trackers that are not installed, and why. UserError when there is no entry.
+    absent: trackers that are not installed, and why; unrendered: recordings that could not be imported, and why.
+    UserError when there is no entry.
     """
     if not entries:
         raise UserError("a report needs at least one scored run")
     runs = open_recorded(entries)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     names = list(dict.fromkeys(shown.score.sequence for shown in runs))
-    table = summary(runs, tuple(absent))
+    table = noted(summary(runs, tuple(absent)), not_rendered(unrendered))
     write_tables(table, folder / "tables" / "summary")
     sections = []
     with house_style():
@@ -103,11 +105,11 @@ def write_recorded_report(
                 on_step(done + 1, len(names))
     text = environment().get_template("page_recorded.html").render(
         title=title, css=asset("page.css"), table=table, heads=heads(table), runs=runs, absent=absent,
-        sections=sections, status={s.score.run: s.score.status for s in runs}, colour=colour,
+        unrendered=unrendered, sections=sections, status={s.score.run: s.score.status for s in runs}, colour=colour,
         version=versions()["uavbench"], record=json.dumps(runs[0].score.record, indent=1),
     )  # fmt: skip
     write_text(folder / "index.html", text)
-    head = {"title": title, "ground_truth": None, "absent": dict(absent)}
+    head = {"title": title, "ground_truth": None, "unrendered": dict(unrendered), "absent": dict(absent)}
     scores = json.dumps({**head, "scores": [asdict(s.score) for s in runs]}, indent=1, allow_nan=False)
     write_text(folder / "scores.json", scores + "\n")
     write_text(folder / MARKER.name, json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")

@@ -53,7 +53,7 @@ from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.scoring.seen import TIMED
 from uavbench.reports.style import house_style
 from uavbench.reports.tables.columns import COLUMNS, DETAILS
-from uavbench.reports.tables.summary_table import noted, summary_table
+from uavbench.reports.tables.summary_table import not_rendered, noted, summary_table
 from uavbench.reports.tables.writers import write_summary, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -120,7 +120,7 @@ def write_report(
         on_index = easel.draw(overall)
     pages = [write_sequence(folder, title, group, drawn[name]) for name, group in shown.items()]
     on_index += drawn[first]
-    tables = write_all_tables(folder, runs, restarted, tuple(inputs.absent))
+    tables = write_all_tables(folder, inputs, runs, restarted)
     write_scores(folder, inputs, [run.score for run in runs])
     undrawn = Undrawn(easel.left_out, tuple(name for name in groups if name not in shown))
     about = ReportNotes(title, inputs.unrendered, inputs.absent, undrawn)
@@ -131,16 +131,19 @@ def write_report(
 
 
 def write_all_tables(
-    folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun], absent: tuple[str, ...]
+    folder: Path, inputs: ReportInputs, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]
 ) -> list[NamedTable]:
     """Write the tables as Markdown, CSV and LaTeX, and return them."""
     frame, repeats = score_frame(run.score.to_json() for run in counted(runs)), str(repeats_of(runs))
-    summary, more = (noted(summary_table(frame, columns), repeats) for columns in (COLUMNS, DETAILS))
-    write_summary(replace(summary, absent=absent), folder / "tables" / "summary")
+    missing = not_rendered(inputs.unrendered)
+    summary, more = (noted(noted(summary_table(frame, columns), repeats), missing) for columns in (COLUMNS, DETAILS))
+    summary = replace(summary, absent=tuple(inputs.absent))
+    write_summary(summary, folder / "tables" / "summary")
     write_tables(more, folder / "tables" / "details")
-    tables = [NamedTable("summary", replace(summary, absent=absent)), NamedTable("details", more)]
+    tables = [NamedTable("summary", summary), NamedTable("details", more)]
     if restarted:
-        tables.append(NamedTable("protocols", summary_table(with_restarts(frame, restarted), RESTARTS)))
+        protocols = noted(summary_table(with_restarts(frame, restarted), RESTARTS), missing)
+        tables.append(NamedTable("protocols", protocols))
         write_tables(tables[-1].table, folder / "tables" / "protocols")
     return tables
 

@@ -20,6 +20,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign
 
 TRUTH = "ground truth of a challenge"
@@ -51,6 +52,7 @@ def pack(suite_name: str, where: Packing) -> int:
     secret_file = resolved(where.secret) if where.secret else truth / SECRET
     _refuse_together(out, truth, secret_file)
     refuse_foreign(out, PACKAGE)
+    try_place(out)
     with suite_folder(truth, suite, kind=TRUTH):
         secret = read_or_make(secret_file)
         hidden = {spec.name: replace(spec, seed=secret.seed(spec.name)) for spec in specs}

@@ -191,6 +191,8 @@ def evaluate_command(
     from uavbench.reports.many_runs.groups import grouped
     from uavbench.reports.many_runs.results import ManyResults
 
+    if out is not None:
+        try_place(out / "index.html")  # many runs take minutes
     results = ManyResults(evaluate_many(reference, grouped(estimates, groups), **options))
     say(json.dumps(results.to_json(), indent=1) if as_json else results.text(), nl=as_json)
     if out is not None:

@@ -23,9 +23,10 @@ DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2
 
 
 def resolved(folder: Path) -> Path:
-    """The folder with links resolved; UserError for a dangling link."""
-    if folder.is_symlink() and not folder.exists():
-        raise UserError(f"{folder}: is a dangling link; name another folder")
+    """The folder with links resolved; UserError for a dangling link, as to a disk that is not mounted, in its path."""
+    for place in (folder, *folder.parents):
+        if place.is_symlink() and not place.exists():
+            raise UserError(f"{place}: is a dangling link; name another folder")
     return folder.resolve()
 
 

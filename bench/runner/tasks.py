@@ -154,7 +154,8 @@ class Report:
         entries = [ReportEntry(run.sequence, run.results, run.results / "score.json", run.why) for run in self.scored]
         if self.recorded:
             more: dict[str, Any] = {"content_hash": content_hash, "on_step": on_step}
-            write_recorded_report(self.folder, self.title, entries, absent=dict(self.absent), **more)
+            more |= {"absent": dict(self.absent), "unrendered": dict(self.unrendered)}
+            write_recorded_report(self.folder, self.title, entries, **more)
             return
         inputs = ReportInputs(self.title, entries, self.restarts, dict(self.unrendered), dict(self.absent))
         write_report(self.folder, inputs, figures=self.figures, content_hash=content_hash, on_step=on_step)

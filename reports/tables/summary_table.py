@@ -1,6 +1,6 @@
 """The summary table: means with intervals, and the best of each column marked."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 WON_BY_ALL = ("coverage", "within 5 cm, 5 deg", "AUC 10 cm")
+MOST_NAMED = 3
+"""Most sequences that a note names."""
 KEEPS_UP = 0.9
 """Least share of the best success rate with which a tracker can be the best in errors and times: errors of a tracker
 that is mostly lost are not comparable."""
@@ -109,6 +111,15 @@ def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> 
 def noted(table: Table, note: str) -> Table:
     """The table with a note before its caption."""
     return replace(table, caption=f"{note}. {table.caption}") if note else table
+
+
+def not_rendered(names: Iterable[str]) -> str:
+    """Note on sequences that could not be made, on which no tracker ran; "" for none."""
+    missing = list(names)
+    if not missing:
+        return ""
+    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+    return f"FAILED: no run on {', '.join(missing[:MOST_NAMED])}{more}, which could not be made, is counted here"
 
 
 def runs_of(frame: "DataFrame") -> dict[str, "DataFrame"]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from uavbench.trajectories.errors import DiskError, UserError
+from uavbench.trajectories.errors import NO_SPACE, DiskError, UserError
 
 
 @contextmanager
@@ -13,7 +13,8 @@ def disk_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        why = f"{folder}: cannot be written: {error.strerror or error}; free space or choose another folder"
+        advice = "free space or choose another folder" if error.errno in NO_SPACE else "choose another folder"
+        why = f"{folder}: cannot be written: {error.strerror or error}; {advice}"
         raise DiskError.of(error, why) from None
 
 

@@ -174,6 +174,14 @@ def test_images_are_those_of_the_truth_and_of_no_public_seed(challenge):
             assert np.abs(other.ground_truth.positions_m[-1] - truth.ground_truth.positions_m[-1]).max() > 1e-3
 
 
+def test_a_place_where_no_package_can_be_made_is_told_before_anything_is_rendered(tmp_path):
+    (tmp_path / "contest.toml").write_text(CONTEST)
+    (tmp_path / "notes").write_text("mine")
+    done = packed(tmp_path / "contest.toml", tmp_path / "notes" / "package", "--truth", tmp_path / "kept")
+    assert done.exit_code == 2 and "notes is not a folder" in done.output
+    assert not (tmp_path / "kept").exists()
+
+
 def test_packing_again_renders_nothing_and_gives_the_same_bytes(challenge):
     before = package(challenge)
     done = packed(challenge / "contest.toml", challenge / "again", "--truth", challenge / "kept", "--private-suite")

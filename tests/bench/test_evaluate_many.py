@@ -65,6 +65,13 @@ def run(made, monkeypatch):
     return lambda *arguments, folder=made: call(folder, *arguments, monkeypatch=monkeypatch)
 
 
+def test_a_place_that_cannot_be_written_is_told_before_runs_are_evaluated(run, tmp_path):
+    (tmp_path / "notes").write_text("mine")
+    done = run(*ABC, "--out", tmp_path / "notes" / "page")
+    assert done.exit_code == 2 and "notes is not a folder" in done.output
+    assert "ATE" not in done.output
+
+
 def test_each_run_has_the_numbers_that_it_has_alone(run):
     found = json.loads(run(*ABC, "--align", "se3", "--json").stdout)
     assert [(r["group"], r["run"]) for r in found["runs"]] == [(g, str(k)) for g in "ABC" for k in range(RUNS)]

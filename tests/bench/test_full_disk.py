@@ -15,9 +15,10 @@ from tests.bench.small_suites import own_images
 from uavbench.bench.cli.main import main
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.style import house_style, new_figure, save_figure
+from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.exports.registry import EXPORTS
 from uavbench.scenes.image_files import finish_video
-from uavbench.trajectories.errors import DiskError
+from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts
 from uavbench.trajectories.sensors.sensor import Table, write_records
@@ -59,6 +60,13 @@ COMMANDS = {
         *("--camera", "{here}/camera.toml", "--init", "{here}/init.toml", "--out", "{out}/t"),
     ],
 }
+
+
+@pytest.mark.parametrize(("number", "frees"), [(errno.ENOSPC, True), (errno.EDQUOT, True), (errno.EACCES, False)])
+def test_space_is_to_be_freed_where_there_is_none_and_not_where_a_right_is_missing(tmp_path, number, frees):
+    with pytest.raises(UserError, match="choose another folder") as told, disk_errors(tmp_path):
+        raise OSError(number, os.strerror(number))
+    assert ("free space" in str(told.value)) == frees
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])

@@ -174,6 +174,15 @@ def test_a_link_to_a_folder_is_resolved(tmp_path):
     (tmp_path / "out").symlink_to("far")
     assert resolved(tmp_path / "out") == (tmp_path / "far").resolve()
     assert resolved(tmp_path / "new") == (tmp_path / "new").resolve()
+    assert resolved(tmp_path / "out" / "new") == (tmp_path / "far" / "new").resolve()
+
+
+def test_a_link_to_a_disk_that_is_not_mounted_is_refused_anywhere_in_a_path(tmp_path):
+    (tmp_path / "out").symlink_to(tmp_path / "disk" / "out")
+    for below in ("", "suite", "of/a/suite"):
+        with pytest.raises(UserError, match=r"/out: is a dangling link"):
+            resolved(tmp_path / "out" / below)
+    assert not (tmp_path / "disk").exists()
 
 
 @pytest.mark.parametrize("name", [".lock", ".lock_1_of_2"])

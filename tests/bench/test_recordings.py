@@ -107,6 +107,20 @@ def test_the_report_of_a_recording_has_no_error_in_it(own, tmp_path):
     assert "0 jobs done" in again.stderr
 
 
+def test_a_recording_that_cannot_be_imported_is_named_in_the_report_of_the_others(own, tmp_path):
+    shutil.copytree(own, tmp_path / "own")
+    (tmp_path / "own" / "broken.toml").write_text("cam_from_model = 3\n")
+    broken = SUITE[SUITE.index("[rec") : SUITE.index("[trackers]")].replace("init.toml", "broken.toml")
+    broken = broken.replace("recordings.own", "recordings.broken")
+    (tmp_path / "own" / "two.toml").write_text(SUITE.replace("[trackers]", f"{broken}[trackers]"))
+    done = uavbench("run", tmp_path / "own" / "two.toml", "--out", tmp_path / "out", "--jobs", "1")
+    assert done.returncode == 2 and "FAILED render broken-s0" in done.stderr
+    assert "FAILED: no run on broken-s0" in done.stdout
+    (reason,) = json.loads((tmp_path / "out" / "scores.json").read_text())["unrendered"].values()
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "broken-s0</strong>" in page and "broken.toml" in page and "broken.toml" in reason
+
+
 def test_rendered_and_recorded_sequences_do_not_mix(own):
     box = 'sequences.box = { structure = { kind = "box" }, environment = { kind = "indoor" }'
     both = SUITE.replace("[recordings", box + ', flight = { path = { kind = "hover" } } }\n[recordings', 1)
