@@ -69,7 +69,7 @@ def record(folder: Path, where: Where) -> None:
             history = replace(history, name=where.name or history.name)
         else:
             history = History(suite=suite, name=where.name, environment=entry.environment, commits=[])
-        write_history(where.file, history.with_commit(entry))
+        write_history(where.file, history.with_commit(entry, _descendants(entry, history)))
 
 
 def identity(folder: Path, side: Side) -> SuiteIdentity:
@@ -143,6 +143,17 @@ def described(where: Where) -> DescribedCommit:
     shown = git("show", "--no-patch", "--format=%H%x00%cI%x00%s", "--end-of-options", f"{ref}^{{commit}}")
     commit, time, subject = shown.decode(errors="replace").rstrip("\n").split("\0")
     return DescribedCommit(commit, time, subject)
+
+
+def _descendants(entry: Commit, history: History) -> frozenset[str]:
+    """Commits from an entry to the last one of a history; none where they are not of one line, or not known here."""
+    if not history.commits:
+        return frozenset()
+    try:
+        span = f"{entry.commit}..{history.commits[-1].commit}"
+        return frozenset(git("rev-list", "--ancestry-path", "--end-of-options", span).decode().split())
+    except UserError:  # a shallow clone, or a commit that is gone
+        return frozenset()
 
 
 def _changed(file: Path) -> Iterator[str]:

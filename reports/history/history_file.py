@@ -4,12 +4,14 @@
  {"commit": "1f3a...", "time": "2026-03-01T12:00:00+00:00", "subject": "...", "environment": {...}, "metrics": {...}},
 ...]}
 
-Numbers carry six significant digits. The order of the lines is that in which the commits were first recorded.
+Numbers carry six significant digits. The order of the lines is that in which the commits were first recorded, but for
+those recorded after a descendant, which stand before it.
 """
 
 import json
 import math
 from collections import Counter
+from collections.abc import Set
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -93,10 +95,16 @@ class History:
     environment: dict[str, str]
     commits: list[Commit]
 
-    def with_commit(self, entry: Commit) -> "History":
-        """The history with this entry, which replaces one of the same commit, or is appended."""
-        place = next((k for k, each in enumerate(self.commits) if each.commit == entry.commit), len(self.commits))
-        commits = [*self.commits[:place], entry, *self.commits[place + 1 :]]
+    def with_commit(self, entry: Commit, descendants: Set[str] = frozenset()) -> "History":
+        """The history with this entry: in place of the same commit, else before its first descendant, or last."""
+        names = [each.commit for each in self.commits]
+        if entry.commit in names:
+            place = names.index(entry.commit)
+            after = self.commits[place + 1 :]
+        else:
+            place = next((k for k, name in enumerate(names) if name in descendants), len(names))
+            after = self.commits[place:]
+        commits = [*self.commits[:place], entry, *after]
         return History(suite=self.suite, name=self.name, environment=self.environment, commits=commits)
 
 

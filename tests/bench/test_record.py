@@ -76,6 +76,32 @@ def test_the_same_commit_again_replaces_its_own_line(repository):
     assert new == pytest.approx(2 * old, rel=1e-5)
 
 
+def test_a_commit_that_is_recorded_later_comes_before_its_descendants(repository):
+    record()
+    for subject in ("second", "third", "fourth"):
+        commit(repository, subject)
+    for ref in ("HEAD", "HEAD~2", "HEAD~1"):
+        assert record("--commit", ref).exit_code == 0
+    subjects = [each.subject for each in read_history(repository / "history.json").commits]
+    assert subjects[1:] == ["second", "third", "fourth"]
+
+
+def test_a_commit_of_another_line_or_after_one_that_is_gone_comes_last(repository):
+    record()
+    commit(repository, "second")
+    record()
+    git(repository, "checkout", "-q", "--detach", "HEAD~1")
+    commit(repository, "beside")
+    record()
+    gone = read_history(repository / "history.json")
+    lost = [replace(each, commit="0" * 40) if each.subject == "beside" else each for each in gone.commits]
+    write_history(repository / "history.json", replace(gone, commits=lost))
+    commit(repository, "last")
+    record()
+    subjects = [each.subject for each in read_history(repository / "history.json").commits]
+    assert subjects[1:] == ["second", "beside", "last"]
+
+
 def test_a_verdict_and_a_line_in_one_command(repository):
     write(repository / "worse", drawn(np.random.default_rng(0), factor=1.5))
     result = CliRunner().invoke(main, ["gate", "worse", "--baseline", "results", "--record", "history.json"])
