@@ -25,7 +25,7 @@ from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.ground_truth_files import read_row_poses
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import FORMAT, format_of
-from uavbench.scenes.dataset.verify import write_manifest
+from uavbench.scenes.dataset.verify import verify, write_manifest
 from uavbench.scenes.effects.link import Drops
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
@@ -67,7 +67,7 @@ class Tracing:
 def make_twin(
     folder: Path, out: Path, tracing: Tracing, on_frame: Callable[[int, int], None] = lambda done, total: None
 ) -> None:
-    """Write the twin of the sequence `folder` into `out`, whole or not at all, unless an up-to-date one is there.
+    """Write the twin of the sequence `folder` into `out`, whole or not at all, unless one that is up to date is there.
 
     on_frame(frames done, all) reports progress. UserError when the sequence has no spec or this version flies it
     differently, `every` exceeds its frames, Blender is absent, too old or fails, `out` holds anything but a twin, or
@@ -80,7 +80,7 @@ def make_twin(
     _refuse_other(out, folder)
     blender = find_blender()
     provenance = _provenance(sequence, spec, tracing, blender)
-    if carried_hash(out / "sequence.json") == content_hash(provenance):
+    if carried_hash(out / "sequence.json") == content_hash(provenance) and verify(out).ok:
         return
     prepare(__name__)
     scene = build_scene(spec)

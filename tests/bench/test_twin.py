@@ -333,6 +333,15 @@ def test_what_does_not_depend_on_the_renderer_is_copied(black, sequence, tmp_pat
     np.testing.assert_array_equal(rows, all_rows[::2])
 
 
+@pytest.mark.parametrize("name", ["frames/000001.png", "imu.csv"])
+def test_a_twin_that_lacks_a_file_is_not_up_to_date(black, sequence, tmp_path, name):
+    words = (sequence, "--every", 2, "--out", tmp_path / "t")
+    assert twin(*words).exit_code == 0
+    (tmp_path / "t" / name).unlink()
+    assert twin(*words).exit_code == 0
+    assert verify(tmp_path / "t").ok
+
+
 @pytest.fixture(scope="module")
 def with_surfaces(tmp_path_factory):
     """A sequence with flow and normals, a stereo pair and bounds, of which one frame was lost."""
