@@ -9,7 +9,7 @@ import click
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.folders import try_place
-from uavbench.trajectories.files.origin import refuse_foreign_file
+from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 
 FILE = click.Path(path_type=Path)
 EXPORTS = ["euroc", "kalibr", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
@@ -192,7 +192,8 @@ def evaluate_command(
     from uavbench.reports.many_runs.results import ManyResults
 
     if out is not None:
-        try_place(out / "index.html")  # many runs take minutes
+        refuse_within_whole(out / "index.html")
+        try_place(out / "index.html")  # before the runs are evaluated, which takes minutes
     results = ManyResults(evaluate_many(reference, grouped(estimates, groups), **options))
     say(json.dumps(results.to_json(), indent=1) if as_json else results.text(), nl=as_json)
     if out is not None:

@@ -11,6 +11,7 @@ from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
 from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
+from uavbench.trajectories.files.origin import refuse_within_whole
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
 
@@ -38,8 +39,9 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
 def remove_verdict(folder: Path) -> None:
     """Remove the verdict of an earlier gate, which one that ends without a verdict would leave as if it were its own.
 
-    A file that was edited since stays.
+    A file that was edited since stays. UserError for a folder that is checked as a whole, where no verdict may be.
     """
+    refuse_within_whole(folder / FILES[0])
     for path in (folder / name for name in FILES):
         if sealed_kind(path) == VERDICT:
             path.unlink()

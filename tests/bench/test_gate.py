@@ -17,6 +17,8 @@ from uavbench.bench.gate.findings import HEADER, cells, percent, to_junit, to_ma
 from uavbench.bench.gate.paired_scores import read_side
 from uavbench.reports.scoring.score import PoseErrors
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
+from uavbench.trajectories.files.writing import new_folder
 
 
 @pytest.fixture
@@ -222,6 +224,17 @@ def test_a_gate_without_a_verdict_leaves_none_of_an_earlier_one(sides, tmp_path,
     result = CliRunner().invoke(main, ["gate", *again, "--out", str(out)])
     assert result.exit_code == 2, result.output
     assert [path.name for path in out.iterdir()] == ["mine.md"]
+
+
+def test_no_verdict_is_written_into_a_folder_that_is_checked_as_a_whole(sides, tmp_path):
+    head, base = sides(drawn)
+    baseline, sequence = tmp_path / "baseline.json", tmp_path / "box-s0"
+    write_baseline(read_side(base), baseline)
+    with new_folder(sequence, Marker("manifest.json", "sequence")) as new:
+        (new / "manifest.json").write_text("{}")
+    result = CliRunner().invoke(main, ["gate", str(head), "--baseline", str(baseline), "--out", str(sequence)])
+    assert result.exit_code == 2 and "checks as a whole" in result.output
+    assert [path.name for path in sequence.iterdir()] == ["manifest.json"]
 
 
 def test_a_baseline_that_is_not_there_is_told_with_how_to_make_it(sides):

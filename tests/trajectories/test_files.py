@@ -198,8 +198,9 @@ def test_nothing_is_written_into_a_folder_that_is_checked_as_a_whole(tmp_path, w
     before = snapshot(tmp_path)
     with pytest.raises(UserError, match="results, which uavbench wrote and checks as a whole; name a folder outside"):
         make(folder / where, "groundtruth.txt")
-    with pytest.raises(UserError, match="checks as a whole"), new_parts(folder / where, REPORT):
-        pass
+    for place in (folder, folder / where):
+        with pytest.raises(UserError, match="checks as a whole"), new_parts(place, REPORT):
+            raise AssertionError("the work is not begun")
     assert snapshot(tmp_path) == before
     make(folder, "frames.csv")
     (folder / "record.json").write_text("{}")  # somebody's own

@@ -120,9 +120,10 @@ def new_parts(folder: Path, marker: Marker) -> Iterator[Path]:
     """Temporary folder in `folder`; on success its files move to `folder`, and those of the previous run are removed.
 
     marker: lists them; while they are moved it carries no content hash. UserError, before anything is changed, naming a
-    file in the way that uavbench did not write as a part of this kind, or a folder above that is checked as a whole.
+    file in the way that uavbench did not write as a part of this kind, or a folder, this or one above, that is checked
+    as a whole.
     """
-    refuse_within_whole(folder)
+    refuse_within_whole(folder / marker.name)
     if not folder.is_dir():  # a link to a folder may be named
         refuse_no_folder(folder)
     with temporary(folder / Path(marker.name).stem, folder) as own:
