@@ -57,6 +57,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     The exit code is 0 when all are done, 2 after a mistake in the input, else 1, as for a full disk. A dry run has 2
     when it finds a mistake.
     """
+    if where.slurm and where.shard:
+        raise UserError(f"--slurm {where.slurm} submits every shard: leave out --shard {where.shard}, or --slurm")
     suite = load_suite(suite_file(suite_name))
     if where.isolate:
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))
@@ -94,10 +96,12 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
                 remember(outcome, folder)
         for label, why in absent(suite.trackers).items():
             say(f"absent: {label}: {why}", err=True)
+        page, table = folder / "index.html", folder / "tables" / ("flights.md" if flown else "summary.md")
         if last == "report" and "report" not in outcome.failed:
-            table = "flights.md" if flown else "summary.md"
-            say((folder / "tables" / table).read_text(encoding="utf-8"))
-            say(f"report: {folder / 'index.html'}")
+            say(table.read_text(encoding="utf-8"))
+            say(f"report: {page}")
+        elif last == "report" and page.is_file():
+            say(f"no report: {page} is that of an earlier run", err=True)
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 

@@ -157,6 +157,25 @@ def test_scores_of_earlier_inputs_are_neither_compared_nor_read(tmp_path, monkey
     assert not read_side(out).faults, "no job made them: they are those of `compare`"
 
 
+def test_a_page_of_an_earlier_run_is_told_where_a_run_ends_without_a_report(tmp_path, capsys):
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+    good = SMALL.replace("seeds = [0, 1]", "seeds = [0]")
+    for text, told in ((good, False), (good.replace("camera =", "mount = { yaw_deg = 180.0 }\ncamera ="), True)):
+        path.write_text(text)
+        code = bring_up_to("report", str(path), out, ExecutionOptions())
+        said = capsys.readouterr()
+        assert (code != 0, f"no report: {out / 'index.html'} is that of an earlier run" in said.err) == (told, told)
+        assert (f"report: {out / 'index.html'}\n" in said.out) != told
+
+
+def test_shards_are_submitted_all_or_run_one_by_one(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    with pytest.raises(UserError, match="--slurm 2 submits every shard: leave out --shard 1/2"):
+        bring_up_to("score", str(path), tmp_path / "out", ExecutionOptions(slurm=2, shard="1/2"))
+    assert not (tmp_path / "out").exists()
+
+
 def interrupted(*_):
     raise KeyboardInterrupt
 
