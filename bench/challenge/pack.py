@@ -1,5 +1,6 @@
 """`uavbench pack`: render a suite with secret seeds, and write the package for participants."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,9 +11,10 @@ from uavbench.bench.challenge.package import PACKAGE, write_package
 from uavbench.bench.challenge.secret import read_or_make
 from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.inputs.content_hash import carried_hash
 from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched, tell
 from uavbench.bench.runner.executors import local_pool
-from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.graph import Job, run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.said import say
@@ -43,8 +45,9 @@ class Packing:
 def pack(suite_name: str, where: Packing) -> int:
     """Render the missing sequences of a suite with secret seeds and write its package; exit code as `bring_up_to`.
 
-    UserError for a suite that cannot be a challenge, nested folders, a weak secret, and flights that can be guessed
-    from the suite's file; and when an input was written while sequences were rendered from it.
+    UserError for a suite that cannot be a challenge, nested folders, a weak secret, flights that can be guessed from
+    the suite's file, and a ground truth rendered by another version; and when an input was written while sequences were
+    rendered from it.
     """
     suite = load_suite(suite_file(suite_name))
     specs = _rendered(suite)
@@ -60,6 +63,7 @@ def pack(suite_name: str, where: Packing) -> int:
         challenge.save(truth)
         planned = partial(plan, replace(suite, sequences=tuple(hidden.values())), truth, "render")
         jobs = planned()
+        _refuse_replaced(jobs, truth)
         with disowned_if_ended(jobs, planned), local_pool(where.workers) as pool:
             outcome = run_graph(jobs, *pool)
             tell(outcome, truth, suite_name)
@@ -76,6 +80,17 @@ def pack(suite_name: str, where: Packing) -> int:
     say(f"for the organizer alone, with the secret and the ground truth: {truth}", err=True)
     say(out)
     return 0
+
+
+def _refuse_replaced(jobs: Iterable[Job], truth: Path) -> None:
+    """Raise UserError when rendering would replace the ground truth that packages already given out belong to."""
+    for job in jobs:
+        if carried_hash(job.marker) not in (None, job.content_hash):
+            raise UserError(
+                f"{truth}: its {job.marker.parent.name} was rendered by another version of uavbench or of a plug-in; "
+                "rendered again, submissions to the package of then would be scored against another ground truth; "
+                "pack with that version, or name another folder with --truth, for a new package"
+            )
 
 
 def _rendered(suite: Suite) -> list[SequenceSpec]:

@@ -5,6 +5,7 @@ import dataclasses
 import getpass
 import hashlib
 import json
+import shutil
 import socket
 import struct
 import tomllib
@@ -180,6 +181,20 @@ def test_a_place_where_no_package_can_be_made_is_told_before_anything_is_rendere
     done = packed(tmp_path / "contest.toml", tmp_path / "notes" / "package", "--truth", tmp_path / "kept")
     assert done.exit_code == 2 and "notes is not a folder" in done.output
     assert not (tmp_path / "kept").exists()
+
+
+def test_the_truth_of_a_package_is_not_replaced_by_another_version(challenge, tmp_path, monkeypatch):
+    kept, suite = shutil.copytree(challenge / "kept", tmp_path / "kept"), challenge / "contest.toml"
+    before = {name: (kept / "sequences" / name).read_bytes() for name in tree(kept / "sequences")}
+    with monkeypatch.context() as patched:
+        patched.setattr("uavbench.bench.runner.jobs.code_hash", lambda *packages: "of another version")
+        done = packed(suite, tmp_path / "again", "--truth", kept, "--private-suite")
+    assert done.exit_code == 2 and "rendered by another version" in done.output and f"{kept}: " in done.output
+    assert {name: (kept / "sequences" / name).read_bytes() for name in before} == before
+    lost = next(iter(sorted((kept / "sequences").glob("*/frames/000000.png"))))
+    lost.unlink()
+    assert packed(suite, tmp_path / "again", "--truth", kept, "--private-suite").exit_code == 0
+    assert lost.is_file(), "what is damaged is made again, the same"
 
 
 def test_packing_again_renders_nothing_and_gives_the_same_bytes(challenge):
