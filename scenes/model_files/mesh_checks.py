@@ -93,9 +93,9 @@ def check_steps(path: Path, step: float, vertices: Array) -> None:
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     if step > COARSEST * extent:
         raise UserError(
-            f"{path}: its vertices lie so far from its origin, {np.abs(vertices).max():,.0f} units, that its 32-bit "
-            f"numbers round them to {step:g}; move the model to the origin in your modelling program, or export OBJ "
-            "with all digits"
+            f"{path}: its vertices lie so far from its origin, {np.abs(vertices).max():,.0f} units, that numbers of "
+            f"32 bits or six digits round them to {step:g}; move the model to the origin in your modelling program, or "
+            "export OBJ with all digits"
         )
 
 

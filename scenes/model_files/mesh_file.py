@@ -19,9 +19,11 @@ from uavbench.scenes.model_files.face_limits import check_count
 from uavbench.scenes.model_files.ifc import read_ifc
 from uavbench.scenes.model_files.mesh_checks import check, check_file, check_steps, check_textures, step_of
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
+from uavbench.scenes.model_files.obj.digits import written_step
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap
 from uavbench.scenes.model_files.obj.plain_lines import with_plain_lines
+from uavbench.scenes.model_files.ply_colours import check_ply_colours
 from uavbench.scenes.model_files.polygons.off import as_obj
 from uavbench.scenes.model_files.polygons.ply import triangles_of
 from uavbench.scenes.model_files.polygons.ply_elements import with_plain_elements
@@ -162,6 +164,7 @@ def read(path: Path) -> list[Loaded]:
             corners = np.asarray(mesh.faces)
             if np.shape(mesh.vertices)[1:] != (3,) or corners.min() < 0 or corners.max() >= len(mesh.vertices):
                 raise UserError(f"{path}: a face of {name} refers to a missing vertex; export the model again")
+            check_ply_colours(path, mesh)
             piece = Loaded(np.array(mesh.vertices, dtype=np.float64), triangles_of(path, mesh), name=str(name))
             if kind in OF_32_BITS:
                 step = max(step, step_of(piece.vertices) * float(np.linalg.norm(matrix[:3, :3], 2)))
@@ -170,7 +173,8 @@ def read(path: Path) -> list[Loaded]:
                 piece = piece.flipped()
             check_textures(path, _pixels(path, mesh.visual, drawn))
             pieces.append(_laid(path, _dressed(path, piece, mesh.visual), beside.textures.get(_material(mesh.visual))))
-    check_steps(path, step, _whole(pieces)[0])
+    vertices = _whole(pieces)[0]
+    check_steps(path, written_step(data, vertices) if kind == ".obj" else step, vertices)
     return pieces
 
 
