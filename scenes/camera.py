@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.calibrations.other_tools import advice_on, own_name
 from uavbench.scenes.decoding.sample_bits import FEWEST_BITS, MOST_BITS
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MOST_PIXELS
-from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.files.limits import MOST_PIXELS, SETTINGS
+from uavbench.trajectories.files.reading import opened, read_toml
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
@@ -28,14 +29,6 @@ WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
 """Most sides of the image, in focal lengths: 175 degrees of a pinhole, 360 degrees of an equidistant fisheye."""
 LEAST_ROUND_TRIP_PX = 0.5
 """Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
-CALIBRATIONS = (".yaml", ".yml", ".json", ".xml", ".txt")
-"""Suffixes of the files of OpenCV, Kalibr, ROS, COLMAP and others."""
-OTHER_NAMES = {
-    **dict.fromkeys(("plumb_bob", "radial-tangential", "brown-conrady", "opencv"), "radtan"),
-    **dict.fromkeys(("fisheye", "opencv_fisheye", "kannala_brandt", "kb4", "equi"), "equidistant"),
-    **dict.fromkeys(("pinhole", "perspective"), "none"),
-}
-"""What ROS, EuRoC, OpenCV, COLMAP and others call a distortion model, in small letters, and its name here."""
 SHARES, FEWEST_PX = (0.3, 0.7), 16
 """Where a principal point given in shares of the image's size is, and the side of an image from which it is none in px.
 
@@ -43,6 +36,10 @@ A part of a larger image may have its principal point anywhere, as in its corner
 """
 MOST_TANGENTIAL = 0.03
 """Largest p1 and p2 of a lens: those of calibrations are below 0.01, and k3 in their place is often larger."""
+HEAD_BYTES = 1 << 16
+"""Bytes of a file that tell which tool wrote it."""
+CIRCLE_RAD, ANGLES = np.radians(80.0), 1001
+"""Angle from the optical axis that all fisheyes see whose image is a circle, and angles up to it that are looked at."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 RESPONSES = ("srgb", "linear", "unknown")
 """Responses that have a name: codes by IEC 61966-2-1, in proportion to light, and to be found by who uses them."""
@@ -94,7 +91,7 @@ class Camera:
             raise ValueError("fx and fy must be positive, and fx fy cx cy finite")
         counts = DISTORTION_COEFFICIENTS.get(str(self.distortion_model))
         if counts is None:
-            known = OTHER_NAMES.get(str(self.distortion_model).lower())
+            known = own_name(str(self.distortion_model))
             raise ValueError(
                 f"distortion_model {self.distortion_model!r} is not one of {', '.join(DISTORTION_COEFFICIENTS)}"
                 + (f'; here it is "{known}"' if known else "; calibrate with one of them, as `uavbench calibrate` does")
@@ -103,9 +100,10 @@ class Camera:
         if not isinstance(numbers, Iterable) or not all(isinstance(k, Real) for k in numbers):
             raise ValueError(f"distortion = {numbers!r}: must be a list of numbers, as in distortion = []")
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
-        if len(self.distortion) not in counts or not np.isfinite(self.distortion).all():
-            many = " or ".join(map(str, counts))
-            raise ValueError(f"distortion of model {self.distortion_model} takes {many} finite numbers")
+        if not np.isfinite(self.distortion).all():
+            raise ValueError(f"distortion = {list(self.distortion)}: must be finite numbers")
+        if len(self.distortion) not in counts:
+            raise ValueError(_other_count(self.distortion_model, self.distortion))
         given: Any = self.response
         number = not isinstance(given, bool) and isinstance(given, Real)
         if not (0 < float(given) < np.inf if number else given in list(RESPONSES)):
@@ -177,11 +175,8 @@ class Camera:
         try:
             values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
         except UserError:
-            if path.suffix.lower() in CALIBRATIONS and path.is_file():
-                raise UserError(
-                    f"{path}: calibrations of other tools are not read; write a camera.toml of its width, height, fx, "
-                    "fy, cx, cy, distortion_model and distortion"
-                ) from None
+            if advice := _other_tool(path, inside):
+                raise UserError(f"{path}: {advice}") from None
             raise
         fields = list(cls.__dataclass_fields__)
         unknown = sorted(set(values) - set(fields))
@@ -199,6 +194,30 @@ class Camera:
         return camera
 
 
+def _other_tool(path: Path, inside: Path | None) -> str:
+    """What to do about a file that another tool wrote; "" for any other, and for one that cannot be read."""
+    try:
+        with opened(path, SETTINGS, inside=inside) as handle:
+            return advice_on(path.suffix.lower(), handle.read(HEAD_BYTES))
+    except UserError:
+        return ""
+
+
+def _other_count(model: str, distortion: tuple[float, ...]) -> str:
+    """What to do about a number of coefficients that the model does not have."""
+    many = " or ".join(map(str, DISTORTION_COEFFICIENTS[model]))
+    told = f"distortion of model {model} takes {many} finite numbers, not {len(distortion)}"
+    if model == "none":
+        return f"{told}; name their distortion_model, or give distortion = []"
+    if len(distortion) < min(DISTORTION_COEFFICIENTS[model]):
+        return f"{told}; those that a calibration leaves out are 0"
+    if model == "radtan" and not any(distortion[5:]):
+        return f"{told}; leave out the zeros behind the fifth"
+    return (
+        f"{told}; more are of a rational, thin prism or tilted model: calibrate again without, as `uavbench calibrate`"
+    )
+
+
 def _implausible(camera: Camera) -> str:
     """Why the numbers of a camera cannot be those of its images, "" if they can.
 
@@ -214,6 +233,8 @@ def _implausible(camera: Camera) -> str:
     low, high = SHARES
     if min(camera.width, camera.height) >= FEWEST_PX and all(low <= at <= high for at in (camera.cx, camera.cy)):
         return f"cx = {camera.cx:g}, cy = {camera.cy:g} are shares of the image's size; give them in pixels"
+    if camera.distortion_model == "equidistant":
+        return _folded_fisheye(camera)
     if camera.distortion_model != "radtan":
         return ""
     if max(map(abs, camera.distortion[2:4])) > MOST_TANGENTIAL:
@@ -222,16 +243,41 @@ def _implausible(camera: Camera) -> str:
             f"distortion = {list(camera.distortion)}: p1 = {p1:g} and p2 = {p2:g} are larger than those of any lens; "
             "the order is k1, k2, p1, p2, k3"
         )
-    right, bottom = camera.width - 1.0, camera.height - 1.0
-    border = np.array([(0.0, bottom / 2), (right, bottom / 2), (right / 2, 0.0), (right / 2, bottom)])
+    border = _middles_of_sides(camera)
     with np.errstate(all="ignore"):
         off_px = np.abs(camera.project(camera.rays(border)) - border).max(axis=1)
     if (off_px < LEAST_ROUND_TRIP_PX).all():
         return ""
-    u, v = border[int(np.argmin(off_px < LEAST_ROUND_TRIP_PX))]
+    return _folds_before(camera, border[int(np.argmin(off_px < LEAST_ROUND_TRIP_PX))], "k1, k2, p1, p2")
+
+
+def _folded_fisheye(camera: Camera) -> str:
+    """Why the angles of an equidistant lens do not reach the nearest side of the image, "" if they do.
+
+    The image of a lens may be a circle within the image's sides: its angles then go beyond CIRCLE_RAD.
+    """
+    angle = np.linspace(0.0, CIRCLE_RAD, ANGLES)
+    k1, k2, k3, k4 = camera.distortion
+    square = angle * angle
+    radius = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+    falling = np.flatnonzero(np.diff(radius) <= 0)
+    border = _middles_of_sides(camera)
+    far = np.linalg.norm((border - [camera.cx, camera.cy]) / [camera.fx, camera.fy], axis=1)
+    if not len(falling) or far.min() <= radius[falling[0]]:
+        return ""
+    return _folds_before(camera, border[int(np.argmin(far))], "k1, k2, k3, k4")
+
+
+def _middles_of_sides(camera: Camera) -> Array:
+    """Pixels (4, 2) in the middles of the image's sides."""
+    right, bottom = camera.width - 1.0, camera.height - 1.0
+    return np.array([(0.0, bottom / 2), (right, bottom / 2), (right / 2, 0.0), (right / 2, bottom)])
+
+
+def _folds_before(camera: Camera, pixel: Array, order: str) -> str:
     return (
-        f"distortion = {list(camera.distortion)}: the lens folds over before pixel ({u:.0f}, {v:.0f}), which no ray "
-        "reaches; are they k1, k2, p1, p2 of this camera? Calibrate with the board at the image's borders, too"
+        f"distortion = {list(camera.distortion)}: the lens folds over before pixel ({pixel[0]:.0f}, {pixel[1]:.0f}), "
+        f"which no ray reaches; are they {order} of this camera? Calibrate with the board at the image's borders, too"
     )
 
 

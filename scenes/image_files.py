@@ -24,6 +24,8 @@ KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
 TEXTURES = (*KINDS, "TGA")
 ORIENTATION = 0x0112
 """Tag of Exif."""
+LIKE = 1.01
+"""Ratio of width to height up to which an image may be a resized one of the camera's: sides are whole numbers."""
 JPEG = b"\xff\xd8\xff"
 """First bytes of JPEG files."""
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -163,9 +165,25 @@ def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
     if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF orientation may rotate it
         image = decoded(path, data, bits=camera.bits)
         height, width = image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")
+    check_size(path, width, height, camera)
     return image
+
+
+def check_size(name: Path, width: int, height: int, camera: Camera) -> None:
+    """UserError for an image of another size than the camera's, with the intrinsics that it has if it was resized."""
+    if (width, height) == (camera.width, camera.height):
+        return
+    told = f"{name}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px"
+    across, down = width / camera.width, height / camera.height
+    if max(across, down) > LIKE * min(across, down):
+        raise UserError(f"{told}; take the camera.toml of these images, or calibrate with images of their size")
+    fx, fy, cx, cy = (
+        camera.fx * across, camera.fy * down, across * (camera.cx + 0.5) - 0.5, down * (camera.cy + 0.5) - 0.5
+    )  # fmt: skip
+    raise UserError(
+        f"{told}; if they were resized, and not cropped, their camera.toml has width = {width}, height = {height}, "
+        f"fx = {fx:.9g}, fy = {fy:.9g}, cx = {cx:.9g}, cy = {cy:.9g}, and the same distortion"
+    )
 
 
 def put_file(path: Path, data: bytes) -> None:

@@ -143,14 +143,6 @@ def test_an_unusual_camera_in_pixels_is_taken_as_it_is(tmp_path: Path, name: str
     assert Camera.load(tmp_path / name).K[0, 2] in (0.5, 0.0, 31.5)
 
 
-def test_a_calibration_of_another_tool_is_told(tmp_path: Path) -> None:
-    (tmp_path / "ost.yaml").write_text("%YAML:1.0\n---\nimage_width: 640\n")
-    with pytest.raises(
-        UserError, match=r"ost\.yaml: calibrations of other tools are not read; write a camera\.toml of"
-    ):
-        Camera.load(tmp_path / "ost.yaml")
-
-
 @pytest.mark.parametrize("response", ["srgb", "linear", "unknown", 2.2, 2])
 def test_a_camera_file_says_its_response_unless_it_is_srgb(tmp_path: Path, response: str | float) -> None:
     camera = Camera(64, 48, 50.0, 50.0, 31.5, 23.5, "radtan", (0.0, 0.0, 0.0, 0.0), response=response)

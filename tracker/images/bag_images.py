@@ -9,7 +9,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.decoding.sample_bits import DarkImageError
-from uavbench.scenes.image_files import check_pixels, decoded
+from uavbench.scenes.image_files import check_pixels, check_size, decoded
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.bags.reading import BagTopic, opened_bag, stamp_ns
 from uavbench.trajectories.errors import UserError
@@ -47,8 +47,7 @@ def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
             name = Path(f"{source}, message {number}")
             image = _raw(name, message) if kind == RAW else _compressed(name, message, camera)
             height, width = image.shape[:2]
-            if (width, height) != (camera.width, camera.height):
-                raise UserError(f"{name}: is {width} x {height} px, the camera {camera.width} x {camera.height} px")
+            check_size(name, width, height, camera)
             stamp = stamp_ns(message.header)
             if before is not None and stamp <= before:
                 raise UserError(

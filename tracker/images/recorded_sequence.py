@@ -21,6 +21,7 @@ from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.image_files import is_plain, read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.camera_doubts import doubts_of_camera
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
 from uavbench.tracker.images.model_size import doubts_of_size
 from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, RATES_HZ, in_order, load_model
@@ -177,6 +178,7 @@ def record(
             "content_hash": content_hash,
             "versions": versions(),
             "doubts": [
+                *doubts_of_camera(recording.camera),
                 *doubts_of_size(recording.structure, recording.initial_cam_from_world),
                 *doubts_of_names(recording.images, spec.rate_hz),
             ],

@@ -12,6 +12,7 @@ from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.image_files import finish_video, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
+from uavbench.tracker.images.camera_doubts import doubts_of_camera
 from uavbench.tracker.images.image_levels import BlackImages
 from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, in_seconds, refuse_twins
 from uavbench.tracker.images.image_times import doubts_of_times
@@ -57,7 +58,8 @@ def track_images(
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
     times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, are nearly
-    black, or seem to be missing, of files with times beside them, and of a model that seems to be in another unit.
+    black, or seem to be missing, of files with times beside them, of a model that seems to be in another unit, and of a
+    principal point of another convention.
     UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
@@ -95,7 +97,12 @@ def track_images(
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
-        record["doubts"] = [*doubts_of_size(structure, first), *_doubts(source, images, rate_hz), *levels.doubts(name)]
+        record["doubts"] = [
+            *doubts_of_camera(lens),
+            *doubts_of_size(structure, first),
+            *_doubts(source, images, rate_hz),
+            *levels.doubts(name),
+        ]
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.image_files import open_video
+from uavbench.scenes.image_files import check_size, open_video
 from uavbench.tracker.images.bag_images import StampedImage
 from uavbench.trajectories.errors import UserError
 
@@ -36,11 +36,8 @@ class VideoImages:
             if not good:
                 break
             frame = len(self.stamps_ns)
-            if image.shape[:2] != (self.camera.height, self.camera.width):
-                raise UserError(
-                    f"{self.source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
-                    f"the camera {self.camera.width} x {self.camera.height} px"
-                )
+            height, width = image.shape[:2]
+            check_size(Path(f"{self.source}: frame {frame}"), width, height, self.camera)
             at_ms = float(video.get(cv2.CAP_PROP_POS_MSEC))
             first_ms = first_ms if frame else at_ms
             self.stamps_ns.append(self._stamp_ns(frame, at_ms - first_ms))
