@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import index
 from types import MappingProxyType
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,13 @@ class TrackResult:
     guess: Pose | None = None
 
     def __post_init__(self) -> None:
-        if (self.status == "ok") != (self.cam_from_world is not None):
-            raise ValueError("a frame has a pose exactly when its status is ok")
+        if (self.status == "ok") == (self.cam_from_world is not None):
+            return
+        if self.status == "ok":
+            raise ValueError("the status is ok, and cam_from_world is None: a frame without a pose has the status lost")
+        if self.status not in (known := get_args(Status)):
+            raise ValueError(f"the status {self.status!r} is none of {', '.join(known)}")
+        raise ValueError(f"the status is {self.status}, and cam_from_world is given: a frame with a pose is ok")
 
 
 class Run(Protocol):

@@ -27,6 +27,8 @@ def explain(model: type[BaseModel], error: Any) -> str:
                 return f"{path}: {advice}"
             valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
             if elsewhere := _elsewhere(keys, tables):
+                if "." not in elsewhere:
+                    return f"{path}: unknown key here; {elsewhere!r} is a key of the suite: write it above all tables"
                 return f"{path}: unknown key here; did you mean {elsewhere!r}?"
             return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
         case "union_tag_invalid":

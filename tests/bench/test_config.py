@@ -204,6 +204,12 @@ def test_three_mistakes_are_told_at_once(tmp_path):
         ),
         ("title", "titel", "titel", "did you mean 'title'"),
         ("rates_hz = [15.0]", "rates_hz = [15.0]\nsensors = []", "sensors", "did you mean 'sequences.NAME.sensors'"),
+        (
+            "effects =",
+            "seeds = [1, 2]\neffects =",
+            "sequences.box.seeds",
+            "'seeds' is a key of the suite: write it above",
+        ),
         ("rates_hz = [15.0]", "rates_hz = [30.0]", "rates_hz", "more than the 15 Hz"),
     ],
 )

@@ -122,3 +122,22 @@ def test_an_endless_line_and_too_many_poses_are_told(tmp_path, monkeypatch):
     (tmp_path / "b.tum").write_text("".join(f"{k} {ROW}\n" for k in range(10)))
     with pytest.raises(UserError, match="more than 9 poses"):
         read_tum(tmp_path / "b.tum")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("0,5 1,25 2,0 3,0 0,0 0,0 0,0 1,0", "line 2 has decimal commas; write decimal points"),
+        ("0 1,25 2 3 0 0 0 1", "line 2 has decimal commas"),
+        ("0,5;1,25;2,0;3,0;0,0;0,0;0,0;1,0", "line 2 has decimal commas"),
+        ("0,5\t1,25\t2,0\t-3,0", "line 2 has decimal commas"),
+        ("1403636579758555392\t4,68\t-1,78\t0,78\t0,53\t-0,15\t-0,82\t-0,08", "line 2 has decimal commas"),
+        ("0.5; 1.25; 2; 3; 0; 0; 0; 1", "'0.5;' is not a time stamp; separate values by spaces or commas, not by semi"),
+    ],
+)
+def test_decimal_commas_and_semicolons_are_told_as_such(tmp_path, line, told):
+    (tmp_path / "a.txt").write_text(f"# by a spreadsheet\n{line}\n")
+    with pytest.raises(UserError, match=told):
+        read_trajectory(tmp_path / "a.txt")
+    with pytest.raises(UserError, match=told):
+        read_trajectory(tmp_path / "a.txt", "tum")

@@ -28,6 +28,10 @@ PLAIN = b"0123456789+-.eE \t,\n"
 """Bytes that a plain block consists of."""
 GZIP = b"\x1f\x8b"
 """Magic bytes of a gzip file."""
+WHOLE = r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?"
+"""A number without a decimal point, but maybe with a comma in its place."""
+DECIMAL_COMMAS = re.compile(rf"(?=.*\d,\d){WHOLE}(?:(?:\s*;\s*|\s+){WHOLE})+;?")
+"""A line of two or more numbers without a decimal point, parted by blanks or semicolons, some with a comma inside."""
 STAMP_CHARACTERS = 24
 """A plain stamp has at most 19 digits and a point."""
 
@@ -64,6 +68,7 @@ class NumberLines:
 
 def read_lines(path: Path, layout: Layout) -> NumberLines:
     """All lines of numbers of a file; UserError naming the first invalid line, or when there is none."""
+    first_lines(path, 1)
     parts: list[NumberLines] = []
     rows = 0
     for first, block in _blocks(path):
@@ -89,11 +94,14 @@ class NumberedLine(NamedTuple):
 
 
 def first_lines(path: Path, count: int) -> list[NumberedLine]:
-    """The first lines of numbers, at most `count`; UserError when there is none."""
+    """The first lines of numbers, at most `count`; UserError when there is none, or where they have decimal commas."""
     lines = (NumberedLine(*line) for first, block in _blocks(path) for line in _filled(path, block, first))
-    if found := list(islice(lines, count)):
-        return found
-    raise UserError(f"{path}: holds no pose")
+    found = list(islice(lines, count))
+    if not found:
+        raise UserError(f"{path}: holds no pose")
+    if DECIMAL_COMMAS.fullmatch(found[0].text.strip()):
+        raise UserError(f"{path}: line {found[0].number} has decimal commas; write decimal points")
+    return found
 
 
 def comments(path: Path) -> str:
@@ -234,6 +242,7 @@ def _stamp(path: Path, number: int, text: str, unit_ns: int) -> int:
         stamp = int((value * unit_ns).to_integral_value())
     except (InvalidOperation, ValueError) as error:
         names = "; put # before a line of names" if isinstance(error, InvalidOperation) else ""
+        names = separator_advice(text) or names
         raise UserError(f"{path}: line {number}: {text[:40]!r} is not a time stamp{names}") from None
     except OverflowError:
         stamp = 2**63
