@@ -16,7 +16,7 @@ True
 >>> plt.close(figure)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from collections.abc import Sequence as ListOf
 
 from matplotlib.axes import Axes
@@ -66,19 +66,19 @@ def nees_over_time(runs: Runs, axes: Axes | None = None) -> Axes:
 
 def error_over_bound(runs: Runs, axes: Axes | None = None) -> Axes:
     """Share of frames (%) below a ratio of position error to Cramer-Rao bound, of runs of one sequence."""
-    ratios: dict[str, Array] = {
-        run.name: crlb_ratio.error_over_bound(run.sequence, run.errors) for run in _one_sequence(runs)
-    }
+    runs = _one_sequence(runs)
+    ratios: dict[str, Array] = {run.name: crlb_ratio.error_over_bound(run.sequence, run.errors) for run in runs}
     return _on(axes, lambda panel: distributions.draw_error_over_bound(ratios, _colours(runs), panel))
 
 
 def segment_counts(run: ScoredRun, axes: Axes | None = None) -> Axes:
     """Segments, control points and inliers in each frame of a run over time (s)."""
-    return _on(axes, lambda panel: time.draw_segment_counts(run, panel))
+    return _on(axes, lambda panel: time.draw_segment_counts(_one(run), panel))
 
 
 def mean_ranks(runs: Runs, axes: Axes | None = None) -> Axes:
     """Mean ranks with the critical difference of Nemenyi's test, of runs at one rate on several flights or seeds."""
+    runs = _some(runs)
     found = ranks({name: units(values) for name, values in _paired(runs).items()})
     return _on(axes, lambda panel: ranking.draw_critical_difference(found, _colours(runs), RANKED_BY, panel))
 
@@ -93,7 +93,8 @@ def win_table(runs: Runs, axes: Axes | None = None) -> Axes:
 def sweep(runs: Runs, axes: Axes | None = None, *, what: sweeps.What = "success") -> Axes:
     """ATE (cm) or success (%) against the one number in which the sequences of a suite differ."""
     refuse_other("what", what, sweeps.What)
-    found = sweeps.swept(list({run.sequence.name: run.sequence for run in _some(runs)}.values()))
+    runs = _some(runs)
+    found = sweeps.swept(list({run.sequence.name: run.sequence for run in runs}.values()))
     if found is None:
         raise UserError("the sequences of these runs do not differ in one number with three values or more")
     return _on(axes, lambda panel: sweeps.draw_sweep_of(runs, found, what, panel))
@@ -119,8 +120,9 @@ def accuracy_and_coverage(runs: Runs, figure: AnyFigure | None = None) -> AnyFig
 
 def by_attribute(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
     """Success in the quarters of the frames by speed, distance and so on, of runs at one rate."""
-    found = breakdowns(_some(runs))
-    return _over(figure, lambda drawn_on: distributions.draw_by_attribute(found, _colours(runs), drawn_on))
+    given = _one_rate(runs)
+    found = breakdowns(given)
+    return _over(figure, lambda drawn_on: distributions.draw_by_attribute(found, _colours(given), drawn_on))
 
 
 def paths(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
@@ -135,11 +137,13 @@ def error_against_distance(runs: Runs, figure: AnyFigure | None = None) -> AnyFi
 
 def pose_components(run: ScoredRun, figure: AnyFigure | None = None) -> AnyFigure:
     """Position (cm) and roll, pitch, yaw (deg) of `world_from_body`: estimate with 3-sigma band, ground truth."""
-    return _over(figure, lambda drawn_on: time.draw_pose_components(run, drawn_on))
+    return _over(figure, lambda drawn_on: time.draw_pose_components(_one(run), drawn_on))
 
 
 def flight_of(sequence: Sequence, figure: AnyFigure | None = None) -> AnyFigure:
     """The flight of a sequence in 3-D with its structure, and height, speed and turn rate over time."""
+    if not isinstance(sequence, Sequence):
+        raise UserError(f"{type(sequence).__name__} is no sequence; give one, as runs[0].sequence")
     return _over(figure, lambda drawn_on: flight.draw_flight(sequence, drawn_on))
 
 
@@ -157,25 +161,46 @@ def _over(figure: AnyFigure | None, draw: Callable[[AnyFigure], Drawn]) -> AnyFi
     return drawn_on
 
 
-def _some(runs: Runs) -> Runs:
-    if not runs:
+def _some(runs: Runs) -> list[ScoredRun]:
+    """The runs as a list; UserError where there is none, or something else."""
+    given = list(runs) if isinstance(runs, Iterable) else [runs]
+    for each in given:
+        if not isinstance(each, ScoredRun):
+            raise UserError(f"{type(each).__name__} is no run to draw; give those of uavbench.load_runs")
+    if not given:
         raise UserError("there are no runs to draw")
-    return runs
+    return given
 
 
-def _one_sequence(runs: Runs) -> Runs:
-    names = list(dict.fromkeys(run.sequence.name for run in _some(runs)))
+def _one(run: ScoredRun) -> ScoredRun:
+    """The run; UserError for several, or something else."""
+    if len(given := _some([run] if isinstance(run, ScoredRun) else run)) > 1:
+        raise UserError(f"give one run, as runs[0], not {len(given)}")
+    return given[0]
+
+
+def _one_sequence(runs: Runs) -> list[ScoredRun]:
+    given = _some(runs)
+    names = list(dict.fromkeys(run.sequence.name for run in given))
     if len(names) > 1:
         raise UserError(f"give the runs of one sequence, these are of {', '.join(names)}")
-    return runs
+    return given
+
+
+def _one_rate(runs: Runs) -> list[ScoredRun]:
+    given = _some(runs)
+    rates = sorted({run.score.rate_hz for run in given}, reverse=True)
+    if len(rates) > 1:
+        raise UserError(f"give the runs at one rate, these are at {', '.join(f'{rate:g}' for rate in rates)} Hz")
+    return given
 
 
 def _paired(runs: Runs) -> dict[str, list[Array]]:
-    values = paired(_some(runs))
+    values = paired(_one_rate(runs))
     if not values:
         raise UserError("give runs of two trackers or more on the same two flights or seeds or more")
     return values
 
 
 def _colours(runs: Runs) -> dict[str, int]:
-    return {run.name: run.colour for run in runs}
+    return {run.name: run.colour for run in _some(runs)}

@@ -94,6 +94,8 @@ def score_files(folder: Path) -> list[Path]:
 
     UserError without any, and for one that is not current, unless the report says that its run is missing.
     """
+    if folder.is_file():
+        raise UserError(f"{folder}: is a file; give the folder of the run that it is in")
     about = read_json(folder / SUITE) if (folder / SUITE).is_file() else None
     files = [path for path in sorted(folder.glob(SCORES)) if about is None or _is_of(path, folder / SUITE, about)]
     if not files:

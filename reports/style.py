@@ -3,6 +3,7 @@
 import csv
 import gc
 import io
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
 from uavbench.reports.fonts import name_fonts
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import owning, refuse_foreign_file
 from uavbench.trajectories.files.seals import is_sealed_with
 from uavbench.trajectories.files.writing import new_file
@@ -21,6 +23,8 @@ from uavbench.trajectories.files.writing import new_file
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16
 PNG_DPI = 220
+HEIGHTS = 4
+"""Heights of a figure that are tried."""
 NO_METADATA: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     ".png": {"Software": None},
@@ -108,12 +112,16 @@ def new_figure(height_in: float, *, wide: bool = True) -> Figure:
 
 
 def given_axes(axes: Axes | None) -> Axes:
-    """The given Axes, or that of a new pyplot figure, which a notebook shows."""
+    """The given Axes, or that of a new pyplot figure, which a notebook shows; UserError for something else."""
+    if axes is not None and not isinstance(axes, Axes):
+        raise UserError(f"axes is {type(axes).__name__}; give one matplotlib Axes, as figure.subplots() makes")
     return given_figure(None).subplots() if axes is None else axes
 
 
 def given_figure(figure: Figure | SubFigure | None) -> Figure | SubFigure:
-    """The given figure, or a new pyplot figure, 7.16 in wide with constrained layout."""
+    """The given figure, or a new pyplot one, 7.16 in wide with constrained layout; UserError for something else."""
+    if figure is not None and not isinstance(figure, Figure | SubFigure):
+        raise UserError(f"figure is {type(figure).__name__}; give a matplotlib Figure, as pyplot.figure() makes")
     if figure is not None:
         return figure
     from matplotlib import pyplot
@@ -138,7 +146,7 @@ def save_figure(
         refuse_foreign_figure(stem, suffixes, kind)
     layout = figure.get_layout_engine()
     if layout is not None:  # once, not once per file
-        layout.execute(figure)
+        lay_out(figure)
         figure.set_layout_engine(None)
     figures = [stem.with_name(stem.name + suffix) for suffix in suffixes]
     if columns:
@@ -150,6 +158,19 @@ def save_figure(
             figure.savefig(drawn, format=suffix[1:], dpi=PNG_DPI, metadata=NO_METADATA[suffix])
             temporary.write_bytes(drawn.getbuffer())
     return [*figures, numbers] if columns else figures
+
+
+def lay_out(figure: Figure) -> None:
+    """Lay a figure out by its constraints, higher by a half where its labels leave no room for a panel."""
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    for _ in range(HEIGHTS):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            layout.execute(figure)
+        if not any("constrained_layout not applied" in str(each.message) for each in told):
+            return
+        figure.set_figheight(1.5 * figure.get_figheight())
 
 
 def refuse_foreign_figure(stem: Path, suffixes: Sequence[str], kind: str) -> None:

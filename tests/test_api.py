@@ -181,6 +181,10 @@ def test_scores_are_a_tidy_table(folder):
     assert {"ate_none_translation_sse_m2", "ate_none_translation_n"} <= set(table)
     with pytest.raises(ub.UserError, match="has no scores"):
         ub.load_scores(folder / "sequences")
+    (folder / "scores.csv").write_text("")
+    with pytest.raises(ub.UserError, match=r"scores.csv: is a file; give the folder of the run"):
+        ub.load_scores(folder / "scores.csv")
+    (folder / "scores.csv").unlink()
 
 
 def test_errors_frame_by_frame_of_a_run(folder):
@@ -230,6 +234,40 @@ def test_figures_of_statistics_and_what_they_refuse(folder):
         ub.figures.win_table(runs[:1])
     with pytest.raises(ub.UserError, match="no runs"):
         ub.figures.success_curves([])
+    plt.close("all")
+
+
+@pytest.mark.parametrize(
+    ("draw", "told"),
+    [
+        (lambda runs: ub.figures.success_curves("out/box"), "str is no run to draw; give those of uavbench.load_runs"),
+        (lambda runs: ub.figures.segment_counts(runs), r"give one run, as runs\[0\], not 4"),
+        (lambda runs: ub.figures.pose_components(runs), r"give one run, as runs\[0\], not 4"),
+        (lambda runs: ub.figures.flight_of(runs[0]), r"ScoredRun is no sequence; give one, as runs\[0\]\.sequence"),
+        (lambda runs: ub.figures.success_curves(runs, plt.figure()), "axes is Figure; give one matplotlib Axes"),
+        (lambda runs: ub.figures.paths(runs[:2], plt.figure().subplots()), "figure is Axes; give a matplotlib Figure"),
+        (lambda runs: ub.figures.by_attribute(at_two_rates(runs)), "give the runs at one rate, these are at 20, 5 Hz"),
+        (lambda runs: ub.figures.win_table(at_two_rates(runs)), "give the runs at one rate, these are at 20, 5 Hz"),
+        (lambda runs: ub.figures.mean_ranks(at_two_rates(runs)), "give the runs at one rate, these are at 20, 5 Hz"),
+    ],
+)
+def test_what_cannot_be_drawn_together_is_told(folder, draw, told):
+    with pytest.raises(ub.UserError, match=told):
+        draw(ub.load_runs(folder))
+    plt.close("all")
+
+
+def at_two_rates(runs):
+    rates = (20.0, 5.0)
+    return [replace(run, score=replace(run.score, rate_hz=rates[k % 2])) for k, run in enumerate(runs)]
+
+
+def test_runs_are_drawn_from_any_iterable_and_one_alone(folder):
+    runs = ub.load_runs(folder)[:2]
+    lines = len(ub.figures.errors_over_time(runs).lines)
+    assert len(ub.figures.errors_over_time(run for run in runs).lines) == lines
+    assert len(ub.figures.success_curves(run for run in runs).lines) == len(ub.figures.success_curves(runs).lines) > 1
+    assert ub.figures.success_curves(runs[0]).lines
     plt.close("all")
 
 

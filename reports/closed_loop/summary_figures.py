@@ -13,7 +13,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from uavbench.reports.closed_loop.comparison import by_run, success
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn, short_names
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
 from uavbench.reports.style import colour, line, marker, panel_letter
@@ -77,7 +77,7 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
             label = "success" if score.success else "left its corridor" if score.status == "completed" else score.status
             right.plot(error_cm, place, ls="none", marker="o" if score.success else "X", ms=3.5, color=ink, label=label)
         rows.append([run, share.n, share.successes, share.low, share.high, max(s.path_max_m for s in group)])
-    left.set_yticks(range(len(groups)), groups)
+    left.set_yticks(range(len(groups)), short_names(list(groups)))
     left.set_ylim(len(groups) - 0.5, -0.5)
     left.set_xlim(-3, 103)
     left.set_xlabel("success, 95 % interval (%)")

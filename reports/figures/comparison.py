@@ -11,7 +11,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from uavbench.reports.figures.figure_files import Drawn, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, save_drawn, save_panel, short_names
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
@@ -20,6 +20,8 @@ from uavbench.reports.style import GROUND_TRUTH, colour, line, marker
 
 FILLS: tuple[Any, ...] = ("full", "none", "left", "bottom")
 """Fill styles of the markers of rates, the highest first."""
+SIDE_BY_SIDE = 32
+"""Total characters of tracker names that fit side by side under a quarter of 7.16 in."""
 
 
 def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
@@ -40,8 +42,11 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
             x = k + 0.8 * ((r + 0.5) / len(rates) - 0.5)
             means = [_draw_runs(panel, x, values_of(group, i), FILLS[r % 4], group) for i, panel in enumerate(panels)]
             rows.append([label, rate, len(group), *means])
+    ticks = short_names(labels)
+    long = len("".join(ticks)) > SIDE_BY_SIDE
+    turned = 35 if long or len(labels) > 4 else 0
     for letter, panel, name in zip("abcd", panels, names, strict=True):
-        panel.set_xticks(range(len(labels)), labels, rotation=35 if len(labels) > 4 else 0)
+        panel.set_xticks(range(len(labels)), ticks, rotation=turned, ha="right" if long else "center")
         panel.set_xlim(-0.5, len(labels) - 0.5)
         panel.grid(False, axis="x")
         panel.set_title(f"({letter}) {name}", loc="left", fontsize=7.5)

@@ -16,6 +16,11 @@ LEGEND_ROWS, LEGEND_ROW_IN = 5, 0.16
 """Rows of a legend for which the height of a figure has room, and the height in inches of each further one."""
 
 
+LONGEST_NAME = 24
+"""Characters of a tracker's name beside an axis: 1 in at 7 pt."""
+GAP = "\N{HORIZONTAL ELLIPSIS}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
     """The numbers behind a drawing, and its legend.
@@ -32,6 +37,18 @@ class Drawn:
 def finite(value: float) -> float | None:
     """The value, or None when it is not finite."""
     return value if np.isfinite(value) else None
+
+
+def short_names(names: ListOf[str]) -> list[str]:
+    """The names with at most LONGEST_NAME characters: long ones without their middles, equal ones by their places."""
+    head, tail = LONGEST_NAME // 2 - 1, LONGEST_NAME // 2
+    cut = [name if len(name) <= LONGEST_NAME else f"{name[:head]}{GAP}{name[-tail:]}" for name in names]
+    places = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
+    alike = {short: {name for name, other in zip(names, cut, strict=True) if other == short} for short in cut}
+    return [
+        short if len(alike[short]) == 1 else f"{short[:head]}{GAP}({places[name]})"
+        for name, short in zip(names, cut, strict=True)
+    ]
 
 
 def legend_of(panel: Axes, options: Mapping[str, Any]) -> dict[str, Any]:

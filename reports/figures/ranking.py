@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from uavbench.reports.figures.figure_files import Drawn, finite, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, save_panel, short_names
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, least_units
 from uavbench.reports.style import GROUND_TRUTH, colour, marker
+
+CHARACTER, RANK_CHARACTERS = 0.0135, 7
+"""Width of a character at 7 pt in widths of 3.50 in, and characters of a mean rank beside a name."""
 
 
 def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
@@ -26,7 +29,9 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
     """
     names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
     k, half = len(names), (len(names) + 1) // 2
-    reach = 0.45 * k
+    labels = short_names(names)
+    share = CHARACTER * (max(map(len, labels)) + RANK_CHARACTERS)
+    reach = max(0.45 * k, (share * (k - 1) + 0.1) / (1 - 2 * share))
     panel.set_xlim(1 - reach, k + reach)
     panel.set_ylim(-half - 1.7, 2.0)
     panel.axis("off")
@@ -34,13 +39,13 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
     for tick in range(1, k + 1):
         panel.plot([tick, tick], [0, 0.15], color=GROUND_TRUTH, lw=0.8)
         panel.text(tick, 0.25, str(tick), ha="center", va="bottom", fontsize=7)
-    for place, name in enumerate(names):
+    for place, (name, shown) in enumerate(zip(names, labels, strict=True)):
         at_left = place < half
         rank, y = found.mean_ranks[name], -1.0 - (place if at_left else k - 1 - place)
         end, index = (0.9 if at_left else k + 0.1), colours.get(name, 0)
         panel.plot([rank, rank, end], [0, y, y], color=colour(index), lw=0.8)
         panel.plot(rank, 0, **marker(index))
-        text = f"{name}  {rank:.2f} " if at_left else f" {rank:.2f}  {name}"
+        text = f"{shown}  {rank:.2f} " if at_left else f" {rank:.2f}  {shown}"
         panel.text(end, y, text, ha="right" if at_left else "left", va="center", fontsize=7)
     for level, group in enumerate(found.cliques):
         ends = [found.mean_ranks[name] for name in group]
@@ -83,8 +88,9 @@ def draw_win_table(names: ListOf[str], comparisons: ListOf[Comparison], what: st
             panel.text(
                 column, row, text, ha="center", va="center", color="white" if value < 50 else "black", fontsize=7
             )
-    panel.set_xticks(range(len(names)), names, rotation=30, ha="right")
-    panel.set_yticks(range(len(names)), names)
+    shown = short_names(names)
+    panel.set_xticks(range(len(names)), shown, rotation=30, ha="right")
+    panel.set_yticks(range(len(names)), shown)
     note = f"\nsignificance n/a: {needed} independent runs are needed" if few else ""
     panel.set_title(f"row beats column, % of runs, by {what}{note}", fontsize=7.5)
     rows = [

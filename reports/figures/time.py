@@ -11,7 +11,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn, save_panel, short_names
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
@@ -94,7 +94,7 @@ def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -
     for panel in (top, below):
         panel.tick_params(labelbottom=False)
     middles = [1 - (k + 0.5) / len(runs) for k in range(len(runs))]
-    strip.set_yticks(middles, [run.score.label for run in runs], fontsize=6)
+    strip.set_yticks(middles, short_names([run.score.label for run in runs]), fontsize=6)
     strip.set_ylim(0, 1)
     strip.grid(False)
     strip.set_xlabel("time (s)")

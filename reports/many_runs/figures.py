@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import LogLocator
 
-from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel, short_names
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
@@ -164,7 +164,8 @@ def mean_bar(panel: Axes, at: float, values: Array, index: int) -> None:
 def name_trackers(panel: Axes, names: ListOf[str]) -> None:
     """Label the x axis with the names of the trackers."""
     tilted = len(names) > 3 or max(map(len, names), default=0) > SHORT_NAMES
-    panel.set_xticks(range(len(names)), names, rotation=35 if tilted else 0, ha="right" if tilted else "center")
+    shown = short_names(names)
+    panel.set_xticks(range(len(names)), shown, rotation=35 if tilted else 0, ha="right" if tilted else "center")
     panel.set_xlim(-0.6, len(names) - 0.4)
     panel.grid(False, axis="x")
 
