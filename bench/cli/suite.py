@@ -125,11 +125,11 @@ def track_real_images(kind: str, real: RealImages, out: Path | None) -> None:
 @click.option("--out", type=FILE, help="File .tex, .md or .csv; default: Markdown on the terminal.")
 def tables_command(report: Path, columns: str, width: str, out: Path | None) -> None:
     """Write a table of the report in the folder REPORT, with columns of your choice."""
-    from uavbench.reports.tables.writers import WIDTHS, heads_of, markdown, write_table
+    from uavbench.reports.tables.writers import OWN_TABLE, WIDTHS, heads_of, markdown, write_table
     from uavbench.reports.tables.written_scores import table_of
 
     table = table_of(report).select(heads_of(columns)) if columns else table_of(report)
-    say(write_table(table, out, WIDTHS[width]) if out else markdown(table), nl=out is not None)
+    say(write_table(table, out, WIDTHS[width], kind=OWN_TABLE) if out else markdown(table), nl=out is not None)
 
 
 COMMANDS: tuple[click.Command, ...] = (

@@ -9,6 +9,8 @@ from uavbench.reports.tables.summary_table import Cell, Table
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 
+OWN_TABLE = "table of a report"
+"""Kind of a table that a user asks for."""
 WIDTHS = {"one": ONE_COLUMN_PT, "two": TWO_COLUMNS_PT}
 """Widths of a LaTeX table in pt, by the number of columns of the page that it takes."""
 
@@ -28,12 +30,15 @@ def write_summary(table: Table, stem: Path) -> list[Path]:
     return [*(write_table(table, stem.with_name(stem.name + suffix)) for suffix in (".md", ".csv")), wide, narrow]
 
 
-def write_table(table: Table, path: Path, width_pt: float = TWO_COLUMNS_PT) -> Path:
-    """Write a table as .md, .csv or .tex, by the suffix; width_pt: of LaTeX. UserError for any other suffix."""
+def write_table(table: Table, path: Path, width_pt: float = TWO_COLUMNS_PT, *, kind: str = "") -> Path:
+    """Write a table as .md, .csv or .tex, by the suffix; width_pt: of LaTeX. UserError for any other suffix.
+
+    kind: as in `new_file`, for a table outside a report; CSV, which programs expect without comments, is not sealed.
+    """
     if path.suffix == ".csv":
         write_csv(path, *_numbers(table))
     elif path.suffix in (".md", ".tex"):
-        write_text(path, markdown(table) if path.suffix == ".md" else latex(table, width_pt))
+        write_text(path, markdown(table) if path.suffix == ".md" else latex(table, width_pt), kind=kind)
     else:
         raise UserError(f"{path}: a table is written as .md, .csv or .tex")
     return path

@@ -47,7 +47,8 @@ def product(name, *by):
 FILES = [
     product("camera.toml", "calibrate"), product("init.toml", "pick"), product("speed.json", "speed"),
     product("errors.pdf", "evaluate"), product("picture.png", "evaluate"), product("score.json", "score-submission"),
-    product("baseline.json", "gate"), product("history.json", "gate"), product("commands.md"), product("table.md"),
+    product("baseline.json", "gate"), product("history.json", "gate"), product("commands.md"),
+    product("table.md", "tables"),
 ]  # fmt: skip
 FOLDERS = [
     product("suite", *SUITES), product("study", "sensitivity"), product("truth", "pack"), product("package", "pack"),

@@ -167,6 +167,20 @@ def test_the_command_writes_chosen_columns_of_a_report(report: Path, tmp_path: P
     assert CliRunner().invoke(main, ["tables", str(tmp_path)]).exit_code == 2
 
 
+@pytest.mark.parametrize("suffix", ["tex", "md"])
+def test_a_table_takes_the_place_of_itself_but_of_no_edited_one(report: Path, tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / f"mine.{suffix}"
+
+    def written(columns: str) -> int:
+        return CliRunner().invoke(main, ["tables", str(report), "--columns", columns, "--out", str(out)]).exit_code
+
+    assert (written("ATE position"), written("ATE rotation")) == (0, 0)
+    text = out.read_text()
+    assert "ATE rot" in text and "ATE pos" not in text
+    out.write_text(text.replace("rot", "ROT"))
+    assert written("coverage") == 2 and "ROT" in out.read_text()
+
+
 def test_a_report_that_is_older_than_the_scores_gives_no_table(report: Path, tmp_path: Path) -> None:
     """`uavbench score` writes scores, but no report: its table is not theirs."""
     folder = shutil.copytree(report, tmp_path / "out")

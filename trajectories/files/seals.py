@@ -18,6 +18,7 @@ COMMENTS = {
     ".xml": (b"<!-- ", b" -->\n"),
     ".html": (b"<!-- ", b" -->\n"),
     ".pdf": (b"% ", b"\n"),
+    ".tex": (b"% ", b"\n"),
 }
 """Opening and closing of a comment, by file suffix."""
 TABLE = ".csv"
