@@ -28,7 +28,7 @@ from uavbench.trajectories.files.writing import in_parts, write_text
 
 MARKER = Marker("leaderboard.json", "leaderboard")
 COLUMNS = (
-    Column(head="score", key="points", unit="0 to 100", best="max", decimals=1),
+    Column(head="score", key="points", unit="0 to 100", best="max", decimals=1, most=100.0),
     Column(head="within 5 cm and 5 deg", key="success", unit="%", best="max", decimals=1, scale=100.0),
     Column(head="coverage", key="coverage", unit="%", best="max", decimals=1, scale=100.0),
     Column(head="ATE position", key="ate_position_m", unit="cm", best="min", decimals=2, scale=100.0),
@@ -92,7 +92,7 @@ def _cell(score: SubmissionScore, column: Column) -> Cell:
     n, runs = sum(map(len, known)), sum(map(len, values))
     if not n:
         return Cell(mean=None, interval=None, known=0, runs=runs, decimals=column.decimals)
-    interval = hierarchical_interval(known)
+    interval = column.within(hierarchical_interval(known))
     mean = score.score if column.key == "points" else interval.mean
     return Cell(
         mean=mean, interval=interval if runs > 1 else None, known=n, runs=runs, decimals=column.decimals

@@ -167,7 +167,7 @@ def _mean(values: Any, column: Column, best: bool = False, significant: bool = F
     table = column.scale * np.asarray(values, dtype=np.float64)
     found = Spread.of(table)
     known = int(np.isfinite(table).sum())
-    interval = found.mean if found and len(table) > 1 else None
+    interval = column.within(found.mean) if found and len(table) > 1 else None
     return Cell(
         mean=found.mean.mean if found else None, interval=interval, known=known, runs=len(table),
         decimals=column.decimals, best=best, significant=significant,

@@ -1,10 +1,11 @@
 """The columns of tables: the number of a score that each shows, its unit and format."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uavbench.reports.statistics.bootstrap import Interval
 from uavbench.trajectories.pose import Array
 
 if TYPE_CHECKING:
@@ -16,7 +17,8 @@ class Column:
     """A column of the summary.
 
     It shows `scale` times the column `key` of the DataFrame of scores, in `unit`; where that is NaN, the column
-    `otherwise`. best: `min`, `max`, or "" for none; short: the head in LaTeX, "" for `head`.
+    `otherwise`. best: `min`, `max`, or "" for none; short: the head in LaTeX, "" for `head`. No value is below 0, none
+    in % above 100, and none above `most`.
     """
 
     head: str
@@ -27,6 +29,12 @@ class Column:
     short: str = ""
     scale: float = 1.0
     otherwise: str = ""
+    most: float = float("inf")
+
+    def within(self, interval: Interval) -> Interval:
+        """The interval without what no mean of the column can be."""
+        low, high = np.clip([interval.low, interval.high], 0.0, min(self.most, 100.0 if self.unit == "%" else np.inf))
+        return replace(interval, low=float(low), high=float(high))
 
     def of(self, rows: "DataFrame") -> Array:
         """Values (n,) of these rows of a DataFrame of scores, in the column's unit; NaN where there is none."""
@@ -40,7 +48,7 @@ COLUMNS: tuple[Column, ...] = (
     Column(
         head="within 5 cm, 5 deg", key="tracking_success", scale=100, unit="%", best="max", decimals=1, short="success"
     ),
-    Column(head="AUC 10 cm", key="tracking_success_auc", unit="", best="max", decimals=2, short="AUC"),
+    Column(head="AUC 10 cm", key="tracking_success_auc", unit="", best="max", decimals=2, short="AUC", most=1.0),
     Column(
         head="ATE position",
         key="ate_none_translation_rmse_m",

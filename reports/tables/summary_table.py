@@ -187,7 +187,7 @@ def _cell(values: list[Array], column: Column) -> Cell:
     n, runs = sum(len(v) for v in known), sum(len(v) for v in values)
     if not n:
         return Cell(mean=None, interval=None, known=0, runs=runs, decimals=column.decimals)
-    interval = hierarchical_interval(known)
+    interval = column.within(hierarchical_interval(known))
     return Cell(
         mean=interval.mean, interval=interval if runs > 1 else None, known=n, runs=runs, decimals=column.decimals
     )  # fmt: skip

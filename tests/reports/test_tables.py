@@ -167,6 +167,23 @@ def test_the_command_writes_chosen_columns_of_a_report(report: Path, tmp_path: P
     assert CliRunner().invoke(main, ["tables", str(tmp_path)]).exit_code == 2
 
 
+def test_intervals_end_where_the_values_of_their_column_do() -> None:
+    """The bootstrap of three values, widened, reaches beyond 0 and 100 %."""
+    shares, errors = (0.0, 0.05, 1.0), (0.01, 0.02, 60.0)
+    table = summary_table([
+        run("a", cm, sequence=f"s{k}", success=share, coverage=1 - share)
+        for k, (share, cm) in enumerate(zip(shares, errors, strict=True))
+    ])  # fmt: skip
+    ((_, row),) = table.rows
+    shown = {column.head: cell.interval for column, cell in zip(table.columns, row, strict=True)}
+    for head, most in (("within 5 cm, 5 deg", 100.0), ("coverage", 100.0), ("ATE position", np.inf)):
+        interval = shown[head]
+        assert interval is not None and 0 <= interval.low < interval.mean < interval.high <= most
+    success, covered, ate = shown["within 5 cm, 5 deg"], shown["coverage"], shown["ATE position"]
+    assert success is not None and covered is not None and ate is not None
+    assert (success.low, covered.high, ate.low) == (0.0, 100.0, 0.0)
+
+
 @pytest.mark.parametrize("suffix", ["tex", "md"])
 def test_a_table_takes_the_place_of_itself_but_of_no_edited_one(report: Path, tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"mine.{suffix}"
