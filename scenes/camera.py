@@ -76,6 +76,7 @@ class Camera:
         for name in ("width", "height"):
             if isinstance(side := getattr(self, name), bool) or not isinstance(side, int | np.integer):
                 raise ValueError(f"{name} = {side!r}: must be a whole number of pixels, as in {name} = 640")
+            object.__setattr__(self, name, int(side))
         if not (self.width > 0 and self.height > 0):
             raise ValueError(f"width and height must be positive, got {self.width} x {self.height}")
         if isinstance(self.bits, bool) or not isinstance(self.bits, int) or self.bits not in BITS:
@@ -87,6 +88,7 @@ class Camera:
         for name in ("fx", "fy", "cx", "cy"):
             if isinstance(px := getattr(self, name), bool) or not isinstance(px, Real):
                 raise ValueError(f"{name} = {px!r}: must be a number of pixels, as in {name} = 400.0")
+            object.__setattr__(self, name, float(px))  # NumPy's numbers are written with their type
         if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
             raise ValueError("fx and fy must be positive, and fx fy cx cy finite")
         counts = DISTORTION_COEFFICIENTS.get(str(self.distortion_model))
@@ -159,19 +161,20 @@ class Camera:
         xy = (self.undistort(pixels) - [self.cx, self.cy]) / [self.fx, self.fy]
         return np.column_stack([xy, np.ones(len(xy))])
 
-    def save(self, path: Path, *, kind: str = "") -> None:
+    def save(self, path: str | Path, *, kind: str = "") -> None:
         """Write `camera.toml`; kind: see `new_file`."""
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
         lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
         lines += [f"bits = {self.bits}"] if self.bits else []
         named = isinstance(self.response, str)
         if self.response != "srgb":
-            lines.append(f'response = "{self.response}"' if named else f"response = {self.response}")
-        write_text(path, "\n".join(lines) + "\n", kind=kind)
+            lines.append(f'response = "{self.response}"' if named else f"response = {float(self.response)}")
+        write_text(Path(path), "\n".join(lines) + "\n", kind=kind)
 
     @classmethod
-    def load(cls, path: Path, inside: Path | None = None) -> "Camera":
+    def load(cls, path: str | Path, inside: Path | None = None) -> "Camera":
         """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key."""
+        path = Path(path)
         try:
             values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
         except UserError:

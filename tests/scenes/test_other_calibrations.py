@@ -10,6 +10,7 @@ import pytest
 
 from uavbench.scenes.calibrations.other_tools import own_name
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.exports.colmap import camera_line
 from uavbench.scenes.image_files import check_size
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
 from uavbench.trajectories.errors import UserError
@@ -182,3 +183,16 @@ def test_a_principal_point_of_another_convention_is_a_doubt(cx: float, cy: float
     if told:
         (doubt,) = doubts
         assert re.search(told, doubt)
+
+
+def test_a_camera_of_numpys_numbers_is_written_as_it_is(tmp_path: Path) -> None:
+    """As cv2.calibrateCamera gives them."""
+    K = np.array([[400.25, 0, 320], [0, 402.5, 240], [0, 0, 1]])
+    size = np.array([640, 480])
+    camera = Camera(
+        size[0], size[1], K[0, 0], np.float32(402.5), K[0, 2], K[1, 2], "radtan", tuple(np.array([-0.1, 0, 0, 0])),
+        response=np.float64(2.2),
+    )  # fmt: skip
+    camera.save(str(tmp_path / "camera.toml"))
+    assert Camera.load(str(tmp_path / "camera.toml")) == camera
+    assert "np." not in (tmp_path / "camera.toml").read_text() and "np." not in camera_line(camera)
