@@ -41,6 +41,7 @@ HEAD_BYTES = 1 << 16
 CIRCLE_RAD, ANGLES = np.radians(80.0), 1001
 """Angle from the optical axis that all fisheyes see whose image is a circle, and angles up to it that are looked at."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
+Polygon = tuple[tuple[float, float], ...]
 RESPONSES = ("srgb", "linear", "unknown")
 """Responses that have a name: codes by IEC 61966-2-1, in proportion to light, and to be found by who uses them."""
 
@@ -53,6 +54,7 @@ class Camera:
     `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
     bits: of a sample, where image files have 16 and do not say how many of them count; 0: as the files say.
     response: `srgb` (IEC 61966-2-1), `linear`, `unknown`, or the exponent by which codes in 0..1 become light.
+    masked: polygons of three or more corners (x, y) in px where no scene shows: parts of the vehicle, an overlay.
     Raises ValueError naming the field that is out of range.
 
     >>> import numpy as np
@@ -71,6 +73,7 @@ class Camera:
     distortion: tuple[float, ...] = ()
     bits: int = 0
     response: str | float = "srgb"
+    masked: tuple[Polygon, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -113,6 +116,9 @@ class Camera:
                 f"response = {given!r}: must be one of {', '.join(RESPONSES)}, or the positive exponent by which codes "
                 "become light, as in response = 2.2"
             )
+        object.__setattr__(self, "masked", _polygons(self.masked))
+        if self.masked and not self.unmasked.any():
+            raise ValueError("masked: covers all of the image")
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> "Camera":
@@ -129,6 +135,14 @@ class Camera:
     def coefficients(self) -> Array:
         """Distortion coefficients (k,) in OpenCV's order; zeros (4,) for `none`."""
         return np.array(self.distortion or (0.0, 0.0, 0.0, 0.0))
+
+    @property
+    def unmasked(self) -> NDArray[np.bool_]:
+        """Whether each pixel (height, width) shows the scene: none inside a masked polygon or on its border does."""
+        shown = np.ones((self.height, self.width), dtype=np.uint8)
+        for polygon in self.masked:
+            cv2.fillPoly(shown, [np.round(polygon).astype(np.int32)], 0)
+        return shown.view(np.bool_)
 
     @property
     def without_distortion(self) -> "Camera":
@@ -169,6 +183,8 @@ class Camera:
         named = isinstance(self.response, str)
         if self.response != "srgb":
             lines.append(f'response = "{self.response}"' if named else f"response = {float(self.response)}")
+        if self.masked:
+            lines.append(f"masked = {[[list(corner) for corner in polygon] for polygon in self.masked]}")
         write_text(Path(path), "\n".join(lines) + "\n", kind=kind)
 
     @classmethod
@@ -282,6 +298,19 @@ def _folds_before(camera: Camera, pixel: Array, order: str) -> str:
         f"distortion = {list(camera.distortion)}: the lens folds over before pixel ({pixel[0]:.0f}, {pixel[1]:.0f}), "
         f"which no ray reaches; are they {order} of this camera? Calibrate with the board at the image's borders, too"
     )
+
+
+def _polygons(given: Any) -> tuple[Polygon, ...]:
+    """Polygons as tuples; ValueError where they are none, or have corners farther out than an image may be large."""
+    hint = "as in masked = [[[0, 0], [639, 0], [639, 49], [0, 49]]], one list of corners [x, y] in px for each polygon"
+    try:
+        polygons = [np.array(polygon, dtype=np.float64) for polygon in given]
+    except (TypeError, ValueError):
+        raise ValueError(f"masked = {given!r}: must be polygons, {hint}") from None
+    for polygon in polygons:
+        if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not (np.abs(polygon) < MOST_PIXELS).all():
+            raise ValueError(f"masked: {polygon.tolist()} is not a polygon of three or more corners, {hint}")
+    return tuple(tuple((x, y) for x, y in polygon.tolist()) for polygon in polygons)
 
 
 def _pixels(points: NDArray[Any]) -> Array:

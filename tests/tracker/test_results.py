@@ -52,7 +52,9 @@ def sequence(tmp_path_factory):
 
 def test_summary_tells_what_became_of_frames_without_a_pose():
     statuses = ["ok", "ambiguous", "not_initialized", "ambiguous", "lost"]
-    rows = tuple(TrackResult(status=each, cam_from_world=Pose.identity() if each == "ok" else None) for each in statuses)
+    rows = tuple(
+        TrackResult(status=each, cam_from_world=Pose.identity() if each == "ok" else None) for each in statuses
+    )
     results = Results({}, np.arange(5), np.arange(5), rows)
     assert results.summary == "1 of 5 frames with a pose, 2 ambiguous, 1 lost, 1 not initialized"
     assert Results({}, np.arange(1), np.arange(1), rows[:1]).summary == "1 of 1 frames with a pose"

@@ -15,6 +15,7 @@ from uavbench.tracker.robust.fit.unit_weight import UnitWeight
 from uavbench.tracker.robust.follow import Follower
 from uavbench.tracker.robust.frames import Frame, Frames
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
+from uavbench.tracker.robust.preprocessing.masking import Masking
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -56,6 +57,7 @@ class RobustRun:
         motion = Motion(cam_from_world, isotropic_covariance(config.initialization.sigma, range_m))
         self.state = TrackState(config, motion, range_m)
         self.fitter = EdgeFitter(structure, camera, rng, config)
+        self.masking = Masking(camera)
         self.frames = Frames(self.fitter, self.state, config)
         self.decider = Decider(self.fitter, camera, self.state, config)
         self.follower = Follower(self.fitter, self.state, self.decider.relocator.searcher, config)
@@ -75,7 +77,7 @@ class RobustRun:
 
         ImageError for an image of another size or type, StampError for a stamp that is not in whole nanoseconds.
         """
-        image, stamp_ns = check_image(image, self.camera), check_stamp(stamp_ns)
+        image, stamp_ns = self.masking.of(check_image(image, self.camera)), check_stamp(stamp_ns)
         clock = StageClock()
         expected, self.expected = self.expected, None
         if not self.frames.is_new(image, stamp_ns):

@@ -2,13 +2,21 @@
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera, camera_array
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.visible_edges import near_depth, undistorted_bounds
 from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array, Pose
+
+CLEAR_PX = 16.0
+"""Least distance of what is looked for from masked pixels: what shows there, such as the border of an overlay, must be
+in none of the pixels beside a control point (12 px along its edge) or in a patch."""
+NOTHING_MASKED = np.zeros((0, 0), dtype=np.float32)
 
 
 class View(NamedTuple):
@@ -16,7 +24,7 @@ class View(NamedTuple):
 
     R (3, 3), t (3,): cam_from_world; lens (11,): see `camera_array`; size_px (2,): width and height of the image;
     bounds_px (4,): smallest x, y and largest x, y of its undistorted border; near: least projected depth, in units of
-    the model.
+    the model; clear_px (h, w): distance of each pixel to the nearest masked one, (0, 0) where none is.
     """
 
     R: Array
@@ -25,6 +33,7 @@ class View(NamedTuple):
     size_px: Array
     bounds_px: Array
     near: float
+    clear_px: NDArray[np.float32]
 
     @classmethod
     def of(cls, camera: Camera, structure: Structure) -> "View":
@@ -36,6 +45,7 @@ class View(NamedTuple):
             np.array([camera.width, camera.height], dtype=np.float64),
             np.array(undistorted_bounds(camera)),
             near_depth(structure),
+            clearance(camera),
         )
 
     def at(self, pose: Pose) -> "View":
@@ -44,7 +54,29 @@ class View(NamedTuple):
 
     def to(self, R: Array, t: Array) -> "View":
         """The same camera at cam_from_world (R, t), in writable arrays."""
-        return View(R, t, self.lens, self.size_px, self.bounds_px, self.near)
+        return View(R, t, self.lens, self.size_px, self.bounds_px, self.near, self.clear_px)
+
+    def within_clearance(self, half_px: Array, pixels: Array, beside_px: float) -> Array:
+        """Half lengths (n,) of search lines about pixels (n, 2), with no masked pixel within beside_px of any line."""
+        if not self.clear_px.size:
+            return half_px
+        x, y = (pixels + 0.5).astype(np.int64).T
+        free_px: Array = np.maximum(self.clear_px[y, x] - beside_px, 0.0)
+        return np.asarray(np.minimum(half_px, free_px))
 
 
-VIEW = named_tuple(View, "f2! f1! f1! f1! f1! f0")
+VIEW = named_tuple(View, "f2! f1! f1! f1! f1! f0 s2!")
+
+
+def clearance(camera: Camera) -> NDArray[np.float32]:
+    """Distance in px of each pixel (h, w) of a camera to the nearest masked one; (0, 0) where none is."""
+    if not camera.masked:
+        return NOTHING_MASKED
+    return np.asarray(cv2.distanceTransform(camera.unmasked.view(np.uint8), cv2.DIST_L2, 5), dtype=np.float32)
+
+
+@compiled("f0 f0 view", inner=True, view=VIEW)
+def is_clear(u: float, v: float, view: View) -> bool:
+    """Whether a pixel of the image is farther than CLEAR_PX from what is masked."""
+    clear_px = view.clear_px
+    return clear_px.size == 0 or clear_px[int(v + 0.5), int(u + 0.5)] > CLEAR_PX

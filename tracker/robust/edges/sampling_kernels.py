@@ -27,7 +27,7 @@ from uavbench.tracker.robust.edges.contact_kernels import PARTS
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder, sight_from
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
-from uavbench.tracker.robust.view import VIEW, View
+from uavbench.tracker.robust.view import VIEW, View, is_clear
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
@@ -218,7 +218,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                 u, v = project(c[0], c[1], c[2], lens)
                 if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
                     continue
-                if n == len(points):
+                if n == len(points) or not is_clear(u, v, view):
                     continue
                 shown = edges.shown[e, visible[e] - 1, min(PARTS - 1, int(s * PARTS))]
                 if shown == 0:
@@ -236,7 +236,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
 
 @compiled("points f3! f3! view", points=CONTROL_POINTS, view=VIEW)
 def search_lines(points: ControlPoints, ends: Array, inward: Array, view: View) -> SearchLines:
-    """Search lines of control points at a pose; marked as outside within MARGIN_PX of the image border.
+    """Search lines of control points at a pose; marked as outside near the image's border and near masked pixels.
 
     ends, inward: those of all edges, see `EdgeMap`.
     """
@@ -259,6 +259,8 @@ def search_lines(points: ControlPoints, ends: Array, inward: Array, view: View) 
             continue
         u, v = project(c[0], c[1], c[2], lens)
         if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+            continue
+        if not is_clear(u, v, view):
             continue
         step = c[2]  # a thousandth of the depth along the edge
         u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], lens)

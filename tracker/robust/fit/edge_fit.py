@@ -12,10 +12,10 @@ from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.appearance_kernels import Images
-from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, search, search_range
+from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, REACH, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
 from uavbench.tracker.robust.edges.steps.blur import Blur
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
@@ -238,6 +238,7 @@ class EdgeFitter:
             return Aligned(view, matches)
         with clock.stage("search"):
             half_px = search_range(problem.lines.jacobian, problem.covariance, widths.fine_half_px, most_px)
+            half_px = view.within_clearance(half_px, problem.lines.lines[:, [U, V]], REACH + 1.0)
             measured = self.measure(problem, problem.lines, half_px)
         with clock.stage("hypotheses"):
             prior, outlier_px = problem.prior.information, self.config.solver.estimator.coarse_widths_px[-1]

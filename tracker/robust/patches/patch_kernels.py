@@ -21,7 +21,7 @@ from uavbench.tracker.robust.patches.matches import (
     Shift,
     Warp,
 )
-from uavbench.tracker.robust.view import VIEW, View
+from uavbench.tracker.robust.view import VIEW, View, is_clear
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import project
@@ -162,6 +162,8 @@ def choose(
         y = R[1, 0] * middles[p, 0] + R[1, 1] * middles[p, 1] + R[1, 2] * middles[p, 2] + t[1]
         u, v = project(x, y, z, cam)
         if not (BORDER_PX < u < size[0] - BORDER_PX and BORDER_PX < v < size[1] - BORDER_PX):
+            continue
+        if not is_clear(u, v, view):
             continue
         rows[n] = p
         n += 1

@@ -20,7 +20,7 @@ from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.corner_kernels import KeepOut, faces_of_all, strong_pixels
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
 from uavbench.tracker.robust.patches.patch_kernels import Ages, align, choose, count_hits, shift_places
-from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.view import CLEAR_PX, View
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
 
@@ -150,7 +150,14 @@ class Texture:
         k = np.arange(self.turn, self.turn + n)
         self.turn += n
         spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])
-        return np.asarray(low + spread * np.maximum(high - low, 0), dtype=np.int64)
+        spots = np.asarray(low + spread * np.maximum(high - low, 0), dtype=np.int64)
+        return spots[self._clear(spots)] if self.view.clear_px.size else spots
+
+    def _clear(self, spots: Indices) -> NDArray[np.bool_]:
+        """Whether each of the pixels (n, 2) is inside the image, and CLEAR_PX from what is masked."""
+        inside = np.all(spots < self.view.size_px, axis=1)
+        x, y = np.where(inside[:, None], spots, 0).T
+        return np.asarray(inside & (self.view.clear_px[y, x] > CLEAR_PX))
 
     def _known_pixels(self, pose: Pose) -> Array:
         cam = pose.transform(self.patches.middles[self.chosen])

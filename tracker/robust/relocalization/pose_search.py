@@ -5,6 +5,7 @@ for each such pose all image shifts are tried, on a small image with edge pixels
 matching: Shotton, Blake & Cipolla 2008).
 """
 
+import math
 from itertools import product
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_chann
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     FAR,
     MIN_POINTS,
+    OUTSIDE_SCORE,
     PATTERN_LEVELS,
     PATTERN_SWEEPS,
     PROJECTION_EVALUATIONS,
@@ -35,7 +37,7 @@ from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     score_changes,
     turned_about,
 )
-from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.view import NOTHING_MASKED, View
 from uavbench.tracker.robust.work import sampling_evaluations
 from uavbench.trajectories.pose import Array
 
@@ -127,6 +129,7 @@ class PoseSearch:
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
         self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
+        self.masked = self._masked(camera)
         self.view = _wide_view(self.camera)
 
     @property
@@ -169,15 +172,30 @@ class PoseSearch:
 
     def target(self, image: Image, sigma_px: float) -> Target:
         """The edge pixels of an image by direction, with the cost of a shift whose standard deviation is sigma_px."""
+        small = self.small(image)
+        channels = edge_channels(small[..., None] if small.ndim == 2 else small, self.least_gradient)
+        most, far = np.float32(self.config.truncation_px), np.float32(FAR)
+        if self.masked is not None:
+            channels[:, self.masked] = 1
+        for channel in channels:
+            truncate(cv2.distanceTransform(channel, cv2.DIST_L2, 3), most, far, channel)
+        if self.masked is not None:
+            channels[:, self.masked] = FAR - math.floor(OUTSIDE_SCORE * FAR)
+        return Target(channels, self.sigma_cost / sigma_px**2)
+
+    def small(self, image: Image) -> Image:
+        """A small image of the pinhole camera from an image."""
         small = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
         if self.maps is not None:
             small = cv2.remap(small, self.maps.x, self.maps.y, cv2.INTER_LINEAR)
-        small = small[..., None] if small.ndim == 2 else small
-        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.least_gradient)
-        most, far = np.float32(self.config.truncation_px), np.float32(FAR)
-        for channel in channels:
-            truncate(cv2.distanceTransform(channel, cv2.DIST_L2, 3), most, far, channel)
-        return Target(channels, self.sigma_cost / sigma_px**2)
+        return np.ascontiguousarray(small, dtype=np.uint8)
+
+    def _masked(self, camera: Camera) -> NDArray[np.bool_] | None:
+        """Pixels (h, w) of the small image that are masked or beside one that is, None where none are."""
+        if not camera.masked:
+            return None
+        masked = self.small(np.where(camera.unmasked, np.uint8(0), np.uint8(255)))
+        return np.asarray(cv2.dilate(masked, np.ones((3, 3), np.uint8)) > 0)
 
     def best_of(self, target: Target, guess: RigidMotion, block: Block, most: int) -> Scored:
         """The best poses of a block around a guess, within `most` evaluations."""
@@ -281,7 +299,7 @@ def _wide_view(camera: SmallCamera) -> View:
     lens = np.zeros(11)
     lens[:2], lens[2:4] = camera.f[:2], camera.f[2:] + border
     bounds = np.array([-0.5, -0.5, size[0] - 0.5, size[1] - 0.5])
-    return View(np.eye(3), np.zeros(3), lens, size, bounds, camera.near)
+    return View(np.eye(3), np.zeros(3), lens, size, bounds, camera.near, NOTHING_MASKED)
 
 
 def _undistortion_maps(camera: Camera, f: Array, size: tuple[int, int], scale: float) -> UndistortionMaps | None:
