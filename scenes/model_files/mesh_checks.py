@@ -94,7 +94,7 @@ def check_steps(path: Path, step: float, vertices: Array) -> None:
     if step > COARSEST * extent:
         raise UserError(
             f"{path}: its vertices lie so far from its origin, {np.abs(vertices).max():,.0f} units, that numbers of "
-            f"32 bits or six digits round them to {step:g}; move the model to the origin in your modelling program, or "
+            f"32 bits or few digits round them to {step:g}; move the model to the origin in your modelling program, or "
             "export OBJ with all digits"
         )
 

@@ -31,8 +31,10 @@ def tower(path: Path, write: Write, place: tuple[float, float, float] = UTM_M) -
         (lambda x: f"{np.float32(x):.6f}", "0.5"),
         (lambda x: f"{np.float32(x):.3f}", "0.5"),
         (lambda x: f"{x:g}", "10"),
+        (lambda x: f"{x:.5e}", "10"),
+        (lambda x: f"{x:e}", "1"),
     ],
-    ids=["all digits of 32 bits", "six decimals", "three decimals", "six digits"],
+    ids=["all digits of 32 bits", "six decimals", "three decimals", "six digits", "six, exponents", "seven digits"],
 )
 def test_vertices_that_were_rounded_before_they_were_written_are_told(tmp_path: Path, write: Write, step: str) -> None:
     path = tower(tmp_path / "far.obj", write)
@@ -46,11 +48,12 @@ def test_vertices_that_were_rounded_before_they_were_written_are_told(tmp_path: 
         (lambda x: f"{x:.3f}", UTM_M),
         (lambda x: f"{x:.2f}", UTM_M),
         (lambda x: f"{round(4 * x) / 4}", UTM_M),
+        (lambda x: f"{round(8 * x) / 8}", UTM_M),
         (lambda x: repr(float(np.float32(x))), (12.3, 45.6, 7.8)),
         (lambda x: f"{x:g}", (12.3, 45.6, 7.8)),
         (lambda x: f"{x:.9e}", UTM_M),
     ],
-    ids=["millimetres", "centimetres", "quarters", "near, 32 bits", "near, six digits", "exponents"],
+    ids=["millimetres", "centimetres", "quarters", "eighths", "near, 32 bits", "near, six digits", "exponents"],
 )
 def test_vertices_with_the_digits_that_a_model_needs_are_read(
     tmp_path: Path, write: Write, place: tuple[float, float, float]
