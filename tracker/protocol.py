@@ -46,13 +46,12 @@ class TrackResult:
     guess: Pose | None = None
 
     def __post_init__(self) -> None:
-        if (self.status == "ok") == (self.cam_from_world is not None):
-            return
-        if self.status == "ok":
-            raise ValueError("the status is ok, and cam_from_world is None: a frame without a pose has the status lost")
         if self.status not in (known := get_args(Status)):
             raise ValueError(f"the status {self.status!r} is none of {', '.join(known)}")
-        raise ValueError(f"the status is {self.status}, and cam_from_world is given: a frame with a pose is ok")
+        if self.status == "ok" and self.cam_from_world is None:
+            raise ValueError("the status is ok, and cam_from_world is None: a frame without a pose has the status lost")
+        if self.status != "ok" and self.cam_from_world is not None:
+            raise ValueError(f"the status is {self.status}, and cam_from_world is given: a frame with a pose is ok")
 
 
 class Run(Protocol):

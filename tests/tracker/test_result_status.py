@@ -12,6 +12,7 @@ from uavbench.trajectories.pose import Pose
     ("status", "pose", "told"),
     [
         ("OK", Pose.identity(), "the status 'OK' is none of ok, ambiguous, lost, not_initialized"),
+        ("LOST", None, "the status 'LOST' is none of ok, ambiguous, lost, not_initialized"),
         (True, Pose.identity(), "the status True is none of ok"),
         ("ok", None, "the status is ok, and cam_from_world is None: a frame without a pose has the status lost"),
         ("lost", Pose.identity(), "the status is lost, and cam_from_world is given: a frame with a pose is ok"),
