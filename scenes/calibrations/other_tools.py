@@ -24,8 +24,12 @@ class Tool(NamedTuple):
 
 TOOLS = (
     Tool(
-        re.compile(rb"^\s*\d+\s+(?:\w*(?:PINHOLE|RADIAL|OPENCV|FISHEYE)|FOV)\s+\d+\s+\d+\s", re.MULTILINE),
+        re.compile(rb"^[ \t]*\d+[ \t]+(?:\w*(?:PINHOLE|RADIAL|OPENCV|FISHEYE)|FOV)[ \t]+\d+[ \t]+\d+\s", re.MULTILINE),
         "a model of COLMAP", COLMAP,
+    ),
+    Tool(
+        re.compile(rb'"fl_x"\s*:'),
+        "a dataset of nerfstudio", f"fx and fy are fl_x and fl_y; {COLMAP}",
     ),
     Tool(
         re.compile(rb"distortion_coeffs\b|\bT_cam_imu\b|\bT_cn_cnm1\b"),
