@@ -99,7 +99,10 @@ def file_form(path: Path) -> list[str]:
 
 
 def contents(value: Any) -> list[list[str]]:
-    """Name and digest of each data file that specs and plug-ins name, in order; of a model those that it names, too."""
+    """Name and digest of each data file that specs and plug-ins name, in order; of a model those that it names, too.
+
+    Of a folder, and of a file that is not there, the name alone: a suite may lie elsewhere on another machine.
+    """
     if isinstance(value, Mapping | list | tuple):
         parts = value.values() if isinstance(value, Mapping) else value
         return [form for part in parts for form in contents(part)]
@@ -107,7 +110,8 @@ def contents(value: Any) -> list[list[str]]:
         return []
     given = {f.name: getattr(value, f.name) for f in fields(value)}
     paths = [Path(text) for name, text in given.items() if names_a_file(name) and text and isinstance(text, str)]
-    forms = [file_form(path)[:2] for path in (*paths, *getattr(value, "entering_files", ()))]
+    named = (*paths, *getattr(value, "entering_files", ()))
+    forms = [[path.name, *(file_form(path)[1:2] if is_file(path) else ())] for path in named]
     return [*forms, *contents(given)]
 
 

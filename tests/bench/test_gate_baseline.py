@@ -152,12 +152,13 @@ def test_another_content_of_a_file_of_the_flights_makes_other_flights(suites, su
     assert load_suite(suites / f"{suite}.toml").flights != before
 
 
-def test_files_of_trackers_and_where_a_suite_lies_are_not_of_its_flights(suites, tmp_path_factory):
-    before = load_suite(suites / "rendered.toml").flights
+@pytest.mark.parametrize("suite", FILES)
+def test_files_of_trackers_and_where_a_suite_lies_are_not_of_its_flights(suites, tmp_path_factory, suite):
+    before = load_suite(suites / f"{suite}.toml").flights
     for name in ("own.sh", "weights.txt"):
         (suites / name).write_text("changed\n")
     moved = shutil.copytree(suites, tmp_path_factory.mktemp("elsewhere") / "suites")
-    assert load_suite(moved / "rendered.toml").flights == before
+    assert load_suite(moved / f"{suite}.toml").flights == before
 
 
 def test_no_baseline_is_made_of_a_run_that_is_missing_or_crashed(tmp_path):
