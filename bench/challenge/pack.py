@@ -87,9 +87,9 @@ def _refuse_replaced(jobs: Iterable[Job], truth: Path) -> None:
     for job in jobs:
         if carried_hash(job.marker) not in (None, job.content_hash):
             raise UserError(
-                f"{truth}: its {job.marker.parent.name} was rendered by another version of uavbench or of a plug-in; "
-                "rendered again, submissions to the package of then would be scored against another ground truth; "
-                "pack with that version, or name another folder with --truth, for a new package"
+                f"{truth}: its {job.marker.parent.name} was rendered by another version of uavbench, a library or "
+                "a plug-in; rendered again, the submissions to its package would be scored against another ground "
+                "truth; pack with those versions, or name another folder with --truth, for a new package"
             )
 
 
