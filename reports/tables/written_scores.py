@@ -7,7 +7,7 @@ from uavbench.reports.run_folder import REPORTED, refuse_older_report
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.tables.columns import COLUMNS, DETAILS
-from uavbench.reports.tables.summary_table import Table, summary_table
+from uavbench.reports.tables.summary_table import Table, not_rendered, noted, summary_table
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
 
@@ -17,7 +17,9 @@ KEY = ("label", "rate_hz", "seed", "sequence")
 
 def table_of(folder: Path) -> Table:
     """The table of a report's folder with all columns; UserError naming a file that is missing or invalid."""
-    return summary_table(score_frame(score.to_json() for score in read_scores(folder)), (*COLUMNS, *DETAILS))
+    table = summary_table(score_frame(score.to_json() for score in read_scores(folder)), (*COLUMNS, *DETAILS))
+    missing = read_json(folder / REPORTED, inside=folder, hint=HINT).get("unrendered", {})
+    return noted(table, not_rendered(missing) if isinstance(missing, dict) else "")
 
 
 def read_scores(folder: Path) -> list[Score]:

@@ -210,6 +210,7 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     assert set(told["unrendered"]) == {"away-s0"}
     for name in ("summary.md", "summary.tex", "summary_one_column.tex", "details.md", "protocols.tex"):
         assert "FAILED: no run on away-s0" in (out / "tables" / name).read_text(), name
+    assert "FAILED: no run on away-s0" in uavbench("tables", out, "--columns", "coverage").stdout
     statuses = {(s["label"], s["status"]) for s in told["scores"]}
     assert statuses == {("hold", "complete"), ("lsd", "complete"), ("quits", "crashed"), ("gone", "missing")}
     page = (out / "index.html").read_text()
