@@ -7,9 +7,9 @@ from typing import Any, get_args
 _NAMES = "ENOSPC EDQUOT EFBIG EIO ESTALE EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
 DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
 """Errors of a full, broken or read-only disk, of missing permissions, and of invalid names."""
-NO_SPACE = frozenset((errno.ENOSPC, errno.EDQUOT))
-"""Those of them that free space mends."""
-FULL_OR_BROKEN = NO_SPACE | frozenset((errno.EFBIG, errno.EIO, errno.ESTALE))
+NO_SPACE = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+"""Those of them that free space mends; a file is too large where a quota or a file system limits it."""
+FULL_OR_BROKEN = NO_SPACE | frozenset((errno.EIO, errno.ESTALE))
 """Those of them that are no mistake in the input: the same command may succeed later, or once there is space."""
 UNSEEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"

@@ -278,7 +278,7 @@ def test_what_truth_and_crlb_ask_for_is_there(dataset):
         ),
         ("flight.mount = { pitch_deg = 3.0 }", "flight.mount: unknown key here; did you mean 'sequences.a.mount'?"),
         ('wind = { kind = "still" }', "a.wind: unknown key here; did you mean 'sequences.a.flight.wind'?"),
-        ("rates_hz = [3.0]", "a.rates_hz: unknown key here; did you mean 'rates_hz'?"),
+        ("rates_hz = [3.0]", "a.rates_hz: unknown key here; 'rates_hz' is a key of the suite"),
     ],
 )
 def test_a_key_in_the_wrong_table_names_the_right_one(tmp_path, line, told):
