@@ -83,9 +83,12 @@ def pack(suite_name: str, where: Packing) -> int:
 
 
 def _refuse_replaced(jobs: Iterable[Job], truth: Path) -> None:
-    """Raise UserError when rendering would replace the ground truth that packages already given out belong to."""
+    """Raise UserError when rendering would replace the ground truth that packages already given out belong to.
+
+    No package was written of one that is disowned.
+    """
     for job in jobs:
-        if carried_hash(job.marker) not in (None, job.content_hash):
+        if not job.place.is_disowned and carried_hash(job.marker) not in (None, job.content_hash):
             raise UserError(
                 f"{truth}: its {job.marker.parent.name} was rendered by another version of uavbench, a library or "
                 "a plug-in; rendered again, the submissions to its package would be scored against another ground "

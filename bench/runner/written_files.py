@@ -126,6 +126,11 @@ class Place:
         """Make the output stale; the files stay, and are known to be uavbench's."""
         Record("", Record.read(self.record).files).write(self.record)
 
+    @property
+    def is_disowned(self) -> bool:
+        """Whether the output is known to be unfinished, or of inputs that changed meanwhile."""
+        return self.record.is_file() and not Record.read(self.record).content_hash
+
     def refuse_foreign(self) -> None:
         """Raise UserError naming a file in the job's own folder that uavbench did not write."""
         folder = self.marker.parent
