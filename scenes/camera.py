@@ -40,6 +40,8 @@ HEAD_BYTES = 1 << 16
 """Bytes of a file that tell which tool wrote it."""
 CIRCLE_RAD, ANGLES = np.radians(80.0), 1001
 """Angle from the optical axis that all fisheyes see whose image is a circle, and angles up to it that are looked at."""
+LONGEST_READOUT_MS = 1000.0
+"""A second; sensors with a rolling shutter read out their rows in some 5 to 50 ms."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 Polygon = tuple[tuple[float, float], ...]
 RESPONSES = ("srgb", "linear", "unknown")
@@ -54,6 +56,8 @@ class Camera:
     `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
     bits: of a sample, where image files have 16 and do not say how many of them count; 0: as the files say.
     response: `srgb` (IEC 61966-2-1), `linear`, `unknown`, or the exponent by which codes in 0..1 become light.
+    readout_ms: of a rolling shutter, time from the first row to the last, negative where the last row is the first one;
+    stamps are those of the middle row.
     masked: polygons of three or more corners (x, y) in px where no scene shows: parts of the vehicle, an overlay.
     Raises ValueError naming the field that is out of range.
 
@@ -74,6 +78,7 @@ class Camera:
     bits: int = 0
     response: str | float = "srgb"
     masked: tuple[Polygon, ...] = ()
+    readout_ms: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -116,6 +121,7 @@ class Camera:
                 f"response = {given!r}: must be one of {', '.join(RESPONSES)}, or the positive exponent by which codes "
                 "become light, as in response = 2.2"
             )
+        object.__setattr__(self, "readout_ms", _readout_ms(self.readout_ms))
         object.__setattr__(self, "masked", _polygons(self.masked))
         if self.masked and not self.unmasked.any():
             raise ValueError("masked: covers all of the image")
@@ -183,6 +189,7 @@ class Camera:
         named = isinstance(self.response, str)
         if self.response != "srgb":
             lines.append(f'response = "{self.response}"' if named else f"response = {float(self.response)}")
+        lines += [f"readout_ms = {self.readout_ms}"] if self.readout_ms else []
         if self.masked:
             lines.append(f"masked = {[[list(corner) for corner in polygon] for polygon in self.masked]}")
         write_text(Path(path), "\n".join(lines) + "\n", kind=kind)
@@ -298,6 +305,16 @@ def _folds_before(camera: Camera, pixel: Array, order: str) -> str:
         f"distortion = {list(camera.distortion)}: the lens folds over before pixel ({pixel[0]:.0f}, {pixel[1]:.0f}), "
         f"which no ray reaches; are they {order} of this camera? Calibrate with the board at the image's borders, too"
     )
+
+
+def _readout_ms(given: Any) -> float:
+    """Milliseconds as a number; ValueError where it is none, or longer than any camera takes."""
+    if isinstance(given, bool) or not isinstance(given, Real) or not abs(float(given)) <= LONGEST_READOUT_MS:
+        raise ValueError(
+            f"readout_ms = {given!r}: must be the milliseconds from the first row to the last, of magnitude "
+            f"{LONGEST_READOUT_MS:g} at most, as in readout_ms = 20.0"
+        )
+    return float(given)
 
 
 def _polygons(given: Any) -> tuple[Polygon, ...]:

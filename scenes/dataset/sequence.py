@@ -20,7 +20,7 @@ The world frame is the structure's frame: metres, z up.
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import index
 from pathlib import Path
@@ -73,7 +73,7 @@ class Sequence:
         """Open a sequence folder; UserError naming the file that is missing or invalid."""
         info = read_json(folder / "sequence.json")
         check_info(folder / "sequence.json", info)
-        files, camera = image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
+        files, camera = image_files(folder), _camera(folder, info)
         return cls(folder, info, camera, load_structure(folder), frame_stamps_ns(folder), files)
 
     def __len__(self) -> int:
@@ -144,7 +144,7 @@ class Sequence:
         folder = inside(self.folder, f"cameras/{name}")
         info = {**self.info, **about, "cameras": {}}
         check_info(self.folder / "sequence.json", info)
-        files, camera = image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
+        files, camera = image_files(folder), _camera(folder, info)
         stamps = frame_stamps_ns(folder)
         return Sequence(folder, info, camera, self.structure, stamps, files, vehicle=self.body_folder)
 
@@ -304,6 +304,13 @@ class Frame:
 
     def _file(self, kind: str, suffix: str = ".png") -> Path | None:
         return annotation_file(self.sequence.folder, kind, self.number, len(self.sequence), suffix)
+
+
+def _camera(folder: Path, info: Mapping[str, Any]) -> Camera:
+    """The camera of a folder, with the time in which its rows are read out where the shutter is rendered as rolling."""
+    camera = Camera.load(folder / "camera.toml", inside=folder)
+    readout_ms = 1e-6 * float(info.get("row_delay_ns", 0.0)) * (camera.height - 1)
+    return replace(camera, readout_ms=readout_ms) if readout_ms else camera
 
 
 def open_sequence(folder: str | Path) -> Sequence:

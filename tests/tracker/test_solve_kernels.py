@@ -13,7 +13,7 @@ from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
 from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.tracker.robust.solver.solve_kernels import refine
-from uavbench.tracker.robust.view import NOTHING_MASKED, View
+from uavbench.tracker.robust.view import AT_ONCE, NOTHING_MASKED, View
 from uavbench.trajectories.pose import Pose
 
 EDGES, ON_EDGE, PATCHES = 6, 3, 8
@@ -68,7 +68,7 @@ def test_the_pose_and_its_information_are_those_of_the_whole_system(kinds, numbe
     matches = PatchMatches(places, CAMERA.project(places) + moved, np.ones(PATCHES), patch_variance)
     identity = np.eye(3), np.zeros(3)
     size, bounds = np.array([640.0, 480.0]), np.array([-1.0, -1.0, 1.0, 1.0])
-    view = View(*identity, camera_array(CAMERA), size, bounds, 0.1, NOTHING_MASKED)
+    view = View(*identity, camera_array(CAMERA), size, bounds, 0.1, NOTHING_MASKED, AT_ONCE)
     found = refine(
         measured,
         matches,
@@ -121,7 +121,13 @@ def weights_of_patches(points, moved_px, sigma_px):
     rows = np.arange(len(first) - 1)
     offsets = biases.offsets(rows, np.full(len(rows), 0.04**2), 0.5)
     view = View(
-        *identity, camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-1.0, -1.0, 1.0, 1.0]), 0.1, NOTHING_MASKED
+        *identity,
+        camera_array(CAMERA),
+        np.array([640.0, 480.0]),
+        np.array([-1.0, -1.0, 1.0, 1.0]),
+        0.1,
+        NOTHING_MASKED,
+        AT_ONCE,
     )
     found = refine(
         measured,

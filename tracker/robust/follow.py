@@ -32,6 +32,21 @@ class Follower:
         free = self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
         return max(free, held, key=lambda each: self.worth(frame, each))
 
+    def unrolled(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The fit; to the image of a rolling shutter one more, with the velocity that the first one tells.
+
+        Velocities are means of intervals, the last of which ends with the frame: half of their change is added. After a
+        long interval, or with little support, a fit tells nothing of the present velocity.
+        """
+        before, close = self.state.motion, 0.0 < frame.dt_s < self.config.slow_s
+        sure = fit.finite and fit.support >= self.config.loss.min_support
+        if not self.fitter.camera.readout_ms or before.velocity is None or not (close and sure):
+            return fit
+        now = before.update(fit.cam_from_world, fit.covariance, frame.dt_s).velocity
+        assert now is not None
+        self.fitter.move(now + 0.5 * (now - before.velocity))
+        return self.fit(frame, clock)
+
     def held(self, frame: Frame, usual: Array, clock: StageClock) -> Fit:
         """A fit that is matched by a prediction of this covariance (6, 6), and estimated by the frame's.
 

@@ -96,6 +96,7 @@ class Frames:
             self.fitter.begin(stamp_ns, self.step_s, stretched)
         with clock.stage("predict"):
             predicted = state.predicted(dt_s, stamp_ns)
+            self.fitter.move(state.motion.velocity if dt_s < self.config.slow_s else None)
             if expected is not None and expected.spread_m(state.range_m) < predicted.spread_m(state.range_m):
                 only = (Likely(expected),)
                 return Frame(raw, image, expected, dt_s, self.step_s, 0.0, self.photometry, only, False)

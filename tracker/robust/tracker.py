@@ -83,7 +83,7 @@ class RobustRun:
         if not self.frames.is_new(image, stamp_ns):
             return TrackResult(status="lost")
         frame = self.frames.prepared(image, stamp_ns, expected, clock)
-        fit = self.follower.fit(frame, clock)
+        fit = self.follower.unrolled(frame, self.follower.fit(frame, clock), clock)
         fit, frame = self.frames.compensated(frame, fit, clock)
         fit = self.follower.repeated(frame, fit, clock)
         decision = self.decider.decide(frame, fit, clock)

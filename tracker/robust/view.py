@@ -11,11 +11,13 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.visible_edges import near_depth, undistorted_bounds
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.lens import ImagePoint, project
 from uavbench.trajectories.pose import Array, Pose
 
 CLEAR_PX = 16.0
 """Least distance of what is looked for from masked pixels: what shows there, such as the border of an overlay, must be
 in none of the pixels beside a control point (12 px along its edge) or in a patch."""
+AT_ONCE = np.zeros(0)
 NOTHING_MASKED = np.zeros((0, 0), dtype=np.float32)
 
 
@@ -25,6 +27,8 @@ class View(NamedTuple):
     R (3, 3), t (3,): cam_from_world; lens (11,): see `camera_array`; size_px (2,): width and height of the image;
     bounds_px (4,): smallest x, y and largest x, y of its undistorted border; near: least projected depth, in units of
     the model; clear_px (h, w): distance of each pixel to the nearest masked one, (0, 0) where none is.
+    sweep (6,): twist of the camera from one row's exposure to the next, (0,) where all are exposed at once; the pose is
+    that at the middle row.
     """
 
     R: Array
@@ -34,6 +38,7 @@ class View(NamedTuple):
     bounds_px: Array
     near: float
     clear_px: NDArray[np.float32]
+    sweep: Array
 
     @classmethod
     def of(cls, camera: Camera, structure: Structure) -> "View":
@@ -46,6 +51,7 @@ class View(NamedTuple):
             np.array(undistorted_bounds(camera)),
             near_depth(structure),
             clearance(camera),
+            AT_ONCE,
         )
 
     def at(self, pose: Pose) -> "View":
@@ -54,7 +60,11 @@ class View(NamedTuple):
 
     def to(self, R: Array, t: Array) -> "View":
         """The same camera at cam_from_world (R, t), in writable arrays."""
-        return View(R, t, self.lens, self.size_px, self.bounds_px, self.near, self.clear_px)
+        return View(R, t, self.lens, self.size_px, self.bounds_px, self.near, self.clear_px, self.sweep)
+
+    def swept(self, sweep: Array) -> "View":
+        """The same camera, moving by a twist (6,) from one row to the next; (0,) for not at all."""
+        return self._replace(sweep=sweep)
 
     def within_clearance(self, half_px: Array, pixels: Array, beside_px: float) -> Array:
         """Half lengths (n,) of search lines about pixels (n, 2), with no masked pixel within beside_px of any line."""
@@ -65,7 +75,7 @@ class View(NamedTuple):
         return np.asarray(np.minimum(half_px, free_px))
 
 
-VIEW = named_tuple(View, "f2! f1! f1! f1! f1! f0 s2!")
+VIEW = named_tuple(View, "f2! f1! f1! f1! f1! f0 s2! f1!")
 
 
 def clearance(camera: Camera) -> NDArray[np.float32]:
@@ -80,3 +90,25 @@ def is_clear(u: float, v: float, view: View) -> bool:
     """Whether a pixel of the image is farther than CLEAR_PX from what is masked."""
     clear_px = view.clear_px
     return clear_px.size == 0 or clear_px[int(v + 0.5), int(u + 0.5)] > CLEAR_PX
+
+
+@compiled("f0 f0 f0 view", inner=True, view=VIEW)
+def pixel_of(x: float, y: float, z: float, view: View) -> ImagePoint:
+    """Pixel of a point in the camera's frame at the middle row, z > 0, where the camera moves on from row to row.
+
+    The row at which it would be seen without that tells when it is seen; a second row, of the pixel then, is within
+    the square of the sweep.
+    """
+    at, sweep = project(x, y, z, view.lens), view.sweep
+    if sweep.size == 0:
+        return at
+    middle = 0.5 * (view.size_px[1] - 1.0)
+    for _ in range(2):
+        rows = at.y - middle
+        xs = x + rows * (sweep[0] + sweep[4] * z - sweep[5] * y)
+        ys = y + rows * (sweep[1] + sweep[5] * x - sweep[3] * z)
+        zs = z + rows * (sweep[2] + sweep[3] * y - sweep[4] * x)
+        if zs <= view.near:
+            break
+        at = project(xs, ys, zs, view.lens)
+    return at

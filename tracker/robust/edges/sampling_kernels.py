@@ -27,7 +27,7 @@ from uavbench.tracker.robust.edges.contact_kernels import PARTS
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder, sight_from
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
-from uavbench.tracker.robust.view import VIEW, View, is_clear
+from uavbench.tracker.robust.view import VIEW, View, is_clear, pixel_of
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
@@ -257,13 +257,13 @@ def search_lines(points: ControlPoints, ends: Array, inward: Array, view: View) 
         side[k] = OUTSIDE
         if c[2] <= near:
             continue
-        u, v = project(c[0], c[1], c[2], lens)
+        u, v = pixel_of(c[0], c[1], c[2], view)
         if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
             continue
         if not is_clear(u, v, view):
             continue
         step = c[2]  # a thousandth of the depth along the edge
-        u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], lens)
+        u1, v1 = pixel_of(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], view)
         tu, tv = u1 - u, v1 - v
         norm = math.sqrt(tu * tu + tv * tv)
         if norm < 1e-6:

@@ -13,10 +13,9 @@ from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, l
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX, Strip, room_for
 from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
-from uavbench.tracker.robust.view import VIEW, View
+from uavbench.tracker.robust.view import VIEW, View, pixel_of
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
-from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
@@ -158,11 +157,11 @@ def share_motion(points: Array, of: Indices, shares: Array, view: View, point: A
         return
     x, y, z = mean[0] / depth, mean[1] / depth, mean[2] / depth
     point[0], point[1], point[2] = x, y, z
-    line[U], line[V] = project(
+    line[U], line[V] = pixel_of(
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0],
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1],
         R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2],
-        view.lens,
+        view,
     )
 
 

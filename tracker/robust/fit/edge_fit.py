@@ -60,7 +60,7 @@ from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
-from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.view import AT_ONCE, View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.kernels.compiled import unchecked
@@ -135,6 +135,12 @@ class EdgeFitter:
         self.now_s = self.texture.now_s = stamp_ns * 1e-9
         self.locate_in(unsmoothed)
         self.work = Work(self.config.budget.allowed(step_s))
+
+    def move(self, velocity: Array | None) -> None:
+        """Expect the image of a camera that moves at a velocity (6,) while its rows are read out; None: not known."""
+        if self.camera.readout_ms:
+            row_s = self.camera.readout_ms * 1e-3 / max(1, self.camera.height - 1)
+            self.view = self.view.swept(AT_ONCE if velocity is None else row_s * velocity)
 
     def locate_in(self, unsmoothed: Image | None) -> None:
         """Locate edges in the frame's image (h, w) or (h, w, c) before it was smoothed, None where it was not.

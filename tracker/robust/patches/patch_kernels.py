@@ -21,7 +21,7 @@ from uavbench.tracker.robust.patches.matches import (
     Shift,
     Warp,
 )
-from uavbench.tracker.robust.view import VIEW, View, is_clear
+from uavbench.tracker.robust.view import VIEW, View, is_clear, pixel_of
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import project
@@ -107,19 +107,19 @@ def likeness(grey: Array, row: int, column: int, ref: Array, least_grey: float) 
 @compiled("f1 f2 view alignment", inner=True, view=VIEW, alignment=ALIGNMENT)
 def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> Warp:
     """Warp of a patch with its centre (3,) and texel steps (2, 3) into a view; zeros if it is too close."""
-    R, t, cam = view.R, view.t, view.lens
+    R, t = view.R, view.t
     A = np.zeros((2, 2))
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
     y = R[1, 0] * middle[0] + R[1, 1] * middle[1] + R[1, 2] * middle[2] + t[1]
     z = R[2, 0] * middle[0] + R[2, 1] * middle[1] + R[2, 2] * middle[2] + t[2]
     if z < view.near:
         return Warp(0.0, 0.0, A, False)
-    u, v = project(x, y, z, cam)
+    u, v = pixel_of(x, y, z, view)
     for k in range(2):
         xk = x + R[0, 0] * axes[k, 0] + R[0, 1] * axes[k, 1] + R[0, 2] * axes[k, 2]
         yk = y + R[1, 0] * axes[k, 0] + R[1, 1] * axes[k, 1] + R[1, 2] * axes[k, 2]
         zk = z + R[2, 0] * axes[k, 0] + R[2, 1] * axes[k, 1] + R[2, 2] * axes[k, 2]
-        u1, v1 = project(xk, yk, max(zk, view.near), cam)
+        u1, v1 = pixel_of(xk, yk, max(zk, view.near), view)
         A[0, k], A[1, k] = u1 - u, v1 - v
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     return Warp(u, v, A, 1.0 < area * config.max_area_change < config.max_area_change * config.max_area_change)

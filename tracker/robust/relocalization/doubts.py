@@ -63,6 +63,7 @@ class Doubts:
 
     def without_memory(self) -> EdgeFitter:
         """The fitter that has learned nothing, with what is left of the frame's budget."""
+        self.innocent.view = self.fitter.view
         self.innocent.work, self.innocent.most_points = self.fitter.work, self.fitter.most_points
         return self.innocent
 

@@ -37,7 +37,7 @@ from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     score_changes,
     turned_about,
 )
-from uavbench.tracker.robust.view import NOTHING_MASKED, View
+from uavbench.tracker.robust.view import AT_ONCE, NOTHING_MASKED, View
 from uavbench.tracker.robust.work import sampling_evaluations
 from uavbench.trajectories.pose import Array
 
@@ -299,7 +299,7 @@ def _wide_view(camera: SmallCamera) -> View:
     lens = np.zeros(11)
     lens[:2], lens[2:4] = camera.f[:2], camera.f[2:] + border
     bounds = np.array([-0.5, -0.5, size[0] - 0.5, size[1] - 0.5])
-    return View(np.eye(3), np.zeros(3), lens, size, bounds, camera.near, NOTHING_MASKED)
+    return View(np.eye(3), np.zeros(3), lens, size, bounds, camera.near, NOTHING_MASKED, AT_ONCE)
 
 
 def _undistortion_maps(camera: Camera, f: Array, size: tuple[int, int], scale: float) -> UndistortionMaps | None:

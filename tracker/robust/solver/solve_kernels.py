@@ -181,7 +181,7 @@ def refine(
         *(np.zeros((6 + numbers, 6 + numbers)), np.zeros(6 + numbers), np.zeros((6, 6)), np.zeros(6)),
     )
     for width_px in widths_px:
-        now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near, view.clear_px)
+        now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near, view.clear_px, view.sweep)
         add_points(measured, local, prior.known, now, width_px, weighting, sums)
         # Once edges have told the pose, a patch that does not move with them is none of the structure's.
         told = np.count_nonzero(weighting.weight) >= UNKNOWNS and width_px == widths_px[-1]

@@ -13,10 +13,9 @@ from uavbench.tracker.robust.edges.measurements import EdgeMeasurements
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
 from uavbench.tracker.robust.solver.number_state import KnownNumbers
-from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.view import View, pixel_of
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
-from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
 EFFICIENT = 4.685
@@ -103,7 +102,7 @@ def add_points(
                 c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
             if c[2] < view.near:
                 continue
-            u, v = project(c[0], c[1], c[2], lens)
+            u, v = pixel_of(c[0], c[1], c[2], view)
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
             moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
             best, r_best = np.inf, np.inf
@@ -162,7 +161,7 @@ def add_patches(
             c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
         if c[2] < view.near:
             continue
-        u, v = project(c[0], c[1], c[2], lens)
+        u, v = pixel_of(c[0], c[1], c[2], view)
         ru, rv = observed[p, 0] - u, observed[p, 1] - v
         cost = (ru * ru + rv * rv) / min(width_px * width_px, most_sigmas**2 * variance_px2[p])
         if cost < 1.0:
