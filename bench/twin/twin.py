@@ -165,7 +165,7 @@ def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Fl
         raise UserError(
             f"{sequence.folder}: this version of uavbench builds or flies it differently; render the sequence again"
         )
-    if spec.camera.camera() != sequence.camera:
+    if spec.camera.camera() != replace(sequence.camera, readout_ms=0.0):  # which is of the effects
         raise UserError(f"{sequence.folder / 'camera.toml'}: is not the camera of `config`; render the sequence again")
 
 

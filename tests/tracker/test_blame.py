@@ -89,7 +89,7 @@ def errors(tracker, sequence):
         ),
         ("return self.pose", "[no-result] track returned Pose,"),
         ("return 'ok'", "[no-result] track returned str,"),
-        ("return TrackResult(status='fine')", "[bad-result] the status 'fine' is none of ok, ambiguous, lost"),
+        ("return TrackResult(status='fine')", "ValueError: the status 'fine' is none of ok, ambiguous, lost"),
         (
             "return TrackResult(status='ok', cam_from_world=np.eye(4))",
             "[bad-result] cam_from_world is ndarray of shape",
