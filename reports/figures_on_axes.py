@@ -29,7 +29,7 @@ from uavbench.reports.scoring import crlb_ratio
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
-from uavbench.reports.style import given_axes, given_figure, house_style
+from uavbench.reports.style import draw_legend, given_axes, given_figure, house_style
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError, refuse_other
 from uavbench.trajectories.pose import Array
@@ -45,7 +45,7 @@ def errors_over_time(runs: Runs, axes: Axes | None = None, *, quantity: time.Qua
     panel = given_axes(axes)
     time.draw_error_over_time(_one_sequence(runs), quantity, panel)
     panel.set_xlabel("time (s)")
-    panel.legend(**legend_of(panel, {}))
+    draw_legend(panel, **legend_of(panel, {}))
     return panel
 
 
@@ -104,7 +104,7 @@ def paths_from_above(runs: Runs, axes: Axes | None = None) -> Axes:
     """True and estimated paths (m) of one sequence, over the structure seen from above."""
     panel = given_axes(axes)
     space.draw_paths_from_above(_one_sequence(runs), panel)
-    panel.legend(**legend_of(panel, {}))
+    draw_legend(panel, **legend_of(panel, {}))
     return panel
 
 
@@ -150,14 +150,16 @@ def flight_of(sequence: Sequence, figure: AnyFigure | None = None) -> AnyFigure:
 def _on(axes: Axes | None, draw: Callable[[Axes], Drawn]) -> Axes:
     panel = given_axes(axes)
     drawn = draw(panel)
-    if drawn.legend is not None and panel.get_legend_handles_labels()[1]:
-        panel.legend(**legend_of(panel, {**drawn.legend, "ncols": 1}))
+    if drawn.legend is not None:
+        draw_legend(panel, **legend_of(panel, {**drawn.legend, "ncols": 1}))
     return panel
 
 
 def _over(figure: AnyFigure | None, draw: Callable[[AnyFigure], Drawn]) -> AnyFigure:
     drawn_on = given_figure(figure)
-    draw(drawn_on)
+    drawn = draw(drawn_on)
+    if drawn.legend is not None:
+        draw_legend(drawn_on, **drawn.legend)
     return drawn_on
 
 

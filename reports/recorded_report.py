@@ -11,21 +11,24 @@ import json
 from collections.abc import Callable, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
-from uavbench.reports.figures.figure_files import finite
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel
 from uavbench.reports.figures.tracker_pictures import GREEN, View, draw, write_text_on
 from uavbench.reports.page.overlay_animation import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
 from uavbench.reports.page.templates import FigureOnPage, asset, environment, on_page
 from uavbench.reports.recorded_score import MEETS_PX, RecordedRun, RecordedScore, score_recorded
 from uavbench.reports.scoring.runs import ReportEntry, missing_results
 from uavbench.reports.scoring.score_frame import score_frame
-from uavbench.reports.style import colour, house_style, line, new_figure, save_figure
+from uavbench.reports.style import colour, house_style, line
 from uavbench.reports.tables.columns import Column
 from uavbench.reports.tables.summary_table import Cell, Table, not_rendered, noted, runs_of
 from uavbench.reports.tables.writers import heads, write_tables
@@ -173,23 +176,35 @@ def section(folder: Path, runs: ListOf[Shown]) -> dict[str, Any]:
 
 def figures_of(folder: Path, runs: ListOf[Shown], rate: float) -> list[FigureOnPage]:
     """Write the figures of edges met and of camera positions over time, at one rate (Hz)."""
-    sequence, suffix = runs[0].run.sequence, f"{runs[0].score.sequence}_{rate:g}hz"
-    met = new_figure(2.0, wide=False)
-    panel = met.subplots()
+    suffix = f"{runs[0].score.sequence}_{rate:g}hz"
+    met = save_panel(partial(draw_edges_met, runs), folder / "figures" / f"met_{suffix}", 2.0)
+    way = save_drawn(partial(draw_positions, runs), folder / "figures" / f"way_{suffix}", 3.2, wide=False)
+    share = "Share of the visible model edges on an edge of the image; gaps: no pose."
+    places = "In the model's frame; where trackers agree, chance is unlikely."
+    return [
+        on_page(folder, met, f"Edges met, {rate:g} Hz", share),
+        on_page(folder, way, f"Camera positions, {rate:g} Hz", places),
+    ]
+
+
+def draw_edges_met(runs: ListOf[Shown], panel: Axes) -> Drawn:
+    """Share of the visible edges (%) that meet an edge of the image, by time (s)."""
     rows: list[list[Any]] = []
     for shown in runs:
         panel.plot(shown.run.seconds, 100 * shown.run.edges_met, label=shown.score.label, **line(shown.colour))
         values = zip(shown.run.expected.tolist(), shown.run.seconds.tolist(), shown.run.edges_met.tolist(), strict=True)
         rows += [[shown.score.run, frame, t, finite(v)] for frame, t, v in values]
     panel.set(xlabel="time (s)", ylabel="edges met (%)", ylim=(0, 102))
-    met.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    saved = save_figure(met, folder / "figures" / f"met_{suffix}", ["run", "frame", "time_s", "edges_met"], rows)
-    way = new_figure(3.2, wide=False)
-    panels = way.subplots(3, 1, sharex=True)
-    rows = []
+    return Drawn(columns=["run", "frame", "time_s", "edges_met"], rows=rows, legend={"ncols": 3})
+
+
+def draw_positions(runs: ListOf[Shown], figure: Figure) -> Drawn:
+    """Position (cm) of the camera in the model's frame, by time (s)."""
+    panels = figure.subplots(3, 1, sharex=True)
+    rows: list[list[Any]] = []
     for shown in runs:
         results = shown.run.results
-        t = (results.stamps_ns - sequence.stamps_ns[0]) / 1e9
+        t = (results.stamps_ns - shown.run.sequence.stamps_ns[0]) / 1e9
         at = np.full((len(results), 3), np.nan)
         at[results.ok] = results.estimate.positions_m
         for k, axis in enumerate(panels):
@@ -198,14 +213,7 @@ def figures_of(folder: Path, runs: ListOf[Shown], rate: float) -> list[FigureOnP
     for name, axis in zip("xyz", panels, strict=True):
         axis.set_ylabel(f"{name} (cm)")
     panels[-1].set_xlabel("time (s)")
-    way.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    drawn = save_figure(way, folder / "figures" / f"way_{suffix}", ["run", "time_s", "x_m", "y_m", "z_m"], rows)
-    share = "Share of the visible model edges on an edge of the image; gaps: no pose."
-    places = "In the model's frame; where trackers agree, chance is unlikely."
-    return [
-        on_page(folder, saved, f"Edges met, {rate:g} Hz", share),
-        on_page(folder, drawn, f"Camera positions, {rate:g} Hz", places),
-    ]
+    return Drawn(columns=["run", "time_s", "x_m", "y_m", "z_m"], rows=rows, legend=legend_of(panels[0], {"ncols": 3}))
 
 
 def write_overlay(shown: Shown, path: Path) -> None:

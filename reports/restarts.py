@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from uavbench.reports.figures.figure_files import Drawn, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn
 from uavbench.reports.metrics.frame_errors import frame_errors
 from uavbench.reports.protocols.restarting import Restarted, RestartedOn, accuracy, expected_error
 from uavbench.reports.style import GROUND_TRUTH, line, marker, panel_letter
@@ -132,5 +132,5 @@ def draw_error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, i
     for letter, panel in zip("ab", (error, failed), strict=True):
         panel.set_xlabel("time since the last true pose (s)")
         panel_letter(panel, letter)
-    figure.legend(*error.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    return Drawn(columns=["run", "since_s", "median_error_m", "share_failed"], rows=rows, legend=None)
+    columns = ["run", "since_s", "median_error_m", "share_failed"]
+    return Drawn(columns=columns, rows=rows, legend=legend_of(error, {"ncols": 6}))

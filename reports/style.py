@@ -13,6 +13,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.text import Text
 
 from uavbench.reports.fonts import name_fonts
 from uavbench.trajectories.errors import UserError
@@ -23,6 +24,13 @@ from uavbench.trajectories.files.writing import new_file
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16
 PNG_DPI = 220
+LONGEST_NAME = 24
+"""Characters of a tracker's name beside an axis: 1 in at 7 pt."""
+GAP = "\N{HORIZONTAL ELLIPSIS}"
+SHORTEST_LABEL = 12
+"""Characters that are left of a label or a title at least."""
+LEGEND_ROWS, LEGEND_ROW_IN = 5, 0.16
+"""Rows of a legend for which the height of a figure has room, and the height in inches of each further one."""
 HEIGHTS = 4
 """Heights of a figure that are tried."""
 NO_METADATA: dict[str, dict[str, Any]] = {
@@ -169,8 +177,73 @@ def lay_out(figure: Figure) -> None:
             warnings.simplefilter("always")
             layout.execute(figure)
         if not any("constrained_layout not applied" in str(each.message) for each in told):
-            return
+            break
         figure.set_figheight(1.5 * figure.get_figheight())
+    _move_titles_within(figure)
+
+
+def short_names(names: Sequence[str], longest: int = LONGEST_NAME) -> list[str]:
+    """The names with at most `longest` characters: long ones without their middles, which say which where all is alike.
+
+    Equal names stay equal, and different ones different.
+    """
+    cut = [_without_middle(name, longest) for name in names]
+    places = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
+    alike = {short: {name for name, other in zip(names, cut, strict=True) if other == short} for short in cut}
+    return [
+        short if len(alike[short]) == 1 else _without_middle(name, longest, f"{GAP}({places[name]}){GAP}")
+        for name, short in zip(names, cut, strict=True)
+    ]
+
+
+def _without_middle(name: str, longest: int, gap: str = GAP) -> str:
+    """The name, with a gap for its middle where it is longer than `longest`."""
+    if len(name) <= longest:
+        return name
+    tail = longest // 2
+    return name[: max(longest - tail - len(gap), 1)] + gap + name[-tail:]
+
+
+def draw_legend(
+    place: Axes | Figure | SubFigure, handles: Sequence[Any], labels: Sequence[str], *, ncols: int, **options: Any
+) -> float:
+    """Draw a legend on an Axes, or above the Axes of a figure, that is not wider than either.
+
+    It has `ncols` columns, or fewer of long labels; those that are too long for one column lose their middles, as in
+    `short_names`. Returns by how much higher a figure should be for its rows, in inches.
+    """
+    if not labels:
+        return 0.0
+    above = {} if isinstance(place, Axes) else {"loc": "outside upper center"}
+    columns, longest, shown = ncols, max(map(len, labels)), list(labels)
+    while True:
+        legend = place.legend(handles, shown, ncols=columns, **{**above, **options})
+        excess = legend.get_window_extent().width / place.bbox.width
+        if excess <= 1 or longest <= SHORTEST_LABEL:
+            break
+        legend.remove()
+        if columns > 1:
+            columns -= 1
+        else:
+            longest = max(min(longest - 1, int(longest / excess)), SHORTEST_LABEL)
+            shown = short_names(labels, longest)
+    rows, usual = (-(-len(labels) // n) for n in (columns, ncols))
+    return LEGEND_ROW_IN * max(0, rows - min(usual, LEGEND_ROWS))
+
+
+def _move_titles_within(figure: Figure) -> None:
+    """Move titles of a figure that is laid out into it; those that are wider lose the middles of their lines."""
+    for axes in figure.axes:
+        titles = [each for each in axes.get_children() if isinstance(each, Text) and each not in axes.texts]
+        for title in (title for title in titles if title.get_text()):
+            lines = title.get_text().split("\n")
+            longest = max(map(len, lines))
+            while (box := title.get_window_extent()).width > figure.bbox.width and longest > SHORTEST_LABEL:
+                longest = min(longest - 1, int(longest * figure.bbox.width / box.width))
+                title.set_text("\n".join(short_names(lines, longest)))
+            beyond = max(box.x1 - figure.bbox.x1, 0) + min(box.x0 - figure.bbox.x0, 0)
+            if beyond:
+                title.set_x(title.get_position()[0] - beyond / axes.bbox.width)
 
 
 def refuse_foreign_figure(stem: Path, suffixes: Sequence[str], kind: str) -> None:

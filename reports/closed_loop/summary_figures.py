@@ -13,10 +13,10 @@ from matplotlib.figure import Figure, SubFigure
 
 from uavbench.reports.closed_loop.comparison import by_run, success
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn, short_names
+from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
-from uavbench.reports.style import colour, line, marker, panel_letter
+from uavbench.reports.style import colour, line, marker, panel_letter, short_names
 
 STATUS_COLOUR = {"completed": "#9EB300", "crashed": "#E82267", "strayed": "#67001C", "timed out": "#735F0C"}
 """Colours of failed flights by status; one that left its corridor is `completed`."""
@@ -85,8 +85,8 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
     right.set_xlabel("greatest path error (cm)")
     panel_letter(left, "a")
     panel_letter(right, "b")
-    figure.legend(**legend_of(right, {"ncols": 5}), loc="outside upper center")
-    return Drawn(columns=["run", "flights", "successes", "low", "high", "path_max_m"], rows=rows, legend=None)
+    columns = ["run", "flights", "successes", "low", "high", "path_max_m"]
+    return Drawn(columns=columns, rows=rows, legend=legend_of(right, {"ncols": 5}))
 
 
 def along_loops(scores: ListOf[FlightScore], found: SweptLoops, stem: Path) -> list[Path]:
@@ -118,9 +118,8 @@ def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Fig
     _axes(right, found.key, "rms path error (cm)", "b")
     left.set_ylim(-3, 103)
     logarithmic(right.yaxis)
-    figure.legend(**legend_of(left, {"ncols": 6}), loc="outside upper center")
     columns = ["run", found.key, "flights", "successes", "low", "high", "path_rms_cm"]
-    return Drawn(columns=columns, rows=rows, legend=None)
+    return Drawn(columns=columns, rows=rows, legend=legend_of(left, {"ncols": 6}))
 
 
 def _curves(scores: ListOf[FlightScore], found: SweptLoops) -> dict[str, dict[float, list[FlightScore]]]:

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from uavbench.reports.figures.figure_files import Drawn, save_drawn, save_panel, short_names
+from uavbench.reports.figures.figure_files import Drawn, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import GROUND_TRUTH, colour, line, marker
+from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, short_names
 
 FILLS: tuple[Any, ...] = ("full", "none", "left", "bottom")
 """Fill styles of the markers of rates, the highest first."""
@@ -61,7 +61,8 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
     grey: dict[str, Any] = {"color": "#777777", "linestyle": "none"}
     shown = [Line2D([], [], marker="o", ms=4, fillstyle=FILLS[r % 4], **grey) for r in range(len(rates))]
     shown.append(Line2D([], [], marker=".", ms=3, alpha=0.5, mew=0, **grey))
-    figure.legend(shown, [*(f"mean at {rate:g} Hz" for rate in rates), "each run"], loc="outside lower center", ncols=5)
+    texts = [*(f"mean at {rate:g} Hz" for rate in rates), "each run"]
+    legend = {"handles": shown, "labels": texts, "loc": "outside lower center", "ncols": 5}
     columns = [
         "tracker",
         "rate_hz",
@@ -71,7 +72,7 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
         "coverage_percent",
         "success_percent",
     ]
-    return Drawn(columns=columns, rows=rows, legend=None)
+    return Drawn(columns=columns, rows=rows, legend=legend)
 
 
 def _draw_runs(panel: Axes, x: float, values: ListOf[float], fill: Any, group: ListOf[ScoredRun]) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
@@ -47,9 +47,8 @@ def draw_by_attribute(
         panel.set_ylim(-4, 104)
         panel_letter(panel, letter)
     panels[0].set_ylabel("within 5 cm, 5 deg (%)")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
     columns = ["attribute", "run", "low", "high", "frames", "success", "median_error_m"]
-    return Drawn(columns=columns, rows=rows, legend=None)
+    return Drawn(columns=columns, rows=rows, legend=legend_of(panels[0], {"ncols": 6}))
 
 
 def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:

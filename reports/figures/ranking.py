@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from uavbench.reports.figures.figure_files import Drawn, finite, save_panel, short_names
+from uavbench.reports.figures.figure_files import Drawn, finite, save_panel
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, least_units
-from uavbench.reports.style import GROUND_TRUTH, colour, marker
+from uavbench.reports.style import GROUND_TRUTH, colour, marker, short_names
 
 CHARACTER, RANK_CHARACTERS = 0.0135, 7
 """Width of a character at 7 pt in widths of 3.50 in, and characters of a mean rank beside a name."""

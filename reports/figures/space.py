@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
-from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.time import nice_log
 from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
@@ -57,8 +57,8 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     solid.zaxis.set_major_locator(MaxNLocator(3))
     solid.set_box_aspect(tuple(high - low), zoom=1.12)
     solid.view_init(elev=24, azim=-58)
-    figure.legend(*flat.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    return Drawn(columns=["run", "frame", "x_m", "y_m", "z_m"], rows=rows, legend=None)
+    columns = ["run", "frame", "x_m", "y_m", "z_m"]
+    return Drawn(columns=columns, rows=rows, legend=legend_of(flat, {"ncols": 6}))
 
 
 def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
@@ -142,8 +142,8 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
     nice_log(left)
     left.set_xlabel("distance travelled (m)")
     left.set_ylabel("position error (cm)")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=6 if boxed else 3)
-    return Drawn(columns=["run", "what", "distance_m", "error_m"], rows=rows, legend=None)
+    legend = legend_of(left, {"ncols": 6 if boxed else 3})
+    return Drawn(columns=["run", "what", "distance_m", "error_m"], rows=rows, legend=legend)
 
 
 def _lengths(runs: ListOf[ScoredRun]) -> list[float]:

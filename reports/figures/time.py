@@ -11,13 +11,13 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn, save_panel, short_names
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun, counts
-from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, line
+from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, line, short_names
 from uavbench.reports.uncertainty.nees import component_sigmas, euler_zyx
 from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.pose import Array
@@ -59,12 +59,12 @@ def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
     if not run.errors.success.all():
         handles.append(Patch(color=LOSS))
         labels.append("off target: no pose within 5 cm and 5 deg")
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
     names = [f"{n}_{u}" for n, u in COMPONENTS]
     columns = [f"{what}_{n}" for what in ("true", "estimated", "sigma") for n in names]
     values = np.hstack([ground_truth[frames], estimate, sigma]).tolist()
     rows = ([f, s, *map(finite, v)] for f, s, v in zip(frames.tolist(), t.tolist(), values, strict=True))
-    return Drawn(columns=["frame", "time_s", *columns], rows=rows, legend=None)
+    legend = {"handles": handles, "labels": labels, "ncols": 4}
+    return Drawn(columns=["frame", "time_s", *columns], rows=rows, legend=legend)
 
 
 def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
@@ -99,9 +99,8 @@ def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -
     strip.grid(False)
     strip.set_xlabel("time (s)")
     strip.set_ylabel("off\ntarget", rotation=0, ha="right", va="center", fontsize=7)
-    figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6)
     named = ["run", "frame", "time_s", "position_m", "rotation_deg", "success"]
-    return Drawn(columns=named, rows=rows, legend=None)
+    return Drawn(columns=named, rows=rows, legend=legend_of(top, {"ncols": 6}))
 
 
 def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axes) -> None:

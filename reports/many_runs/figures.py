@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import LogLocator
 
-from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel, short_names
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.many_runs.groups import counted
-from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter, short_names
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
 from uavbench.trajectories.pose import Array
 
@@ -56,8 +56,8 @@ def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
                 panel.set_xlabel(label)
     for pair in panels:
         fit_scale(pair[0], np.concatenate([curve.get_ydata() for panel in pair for curve in panel.lines]))
-    figure.legend(**legend_of(panels[0, 0], {"ncols": min(len(many.groups), 5)}), loc="outside upper center")
-    return Drawn(columns=["tracker", "along", "quantity", "at", "low", "median", "high"], rows=rows, legend=None)
+    columns = ["tracker", "along", "quantity", "at", "low", "median", "high"]
+    return Drawn(columns=columns, rows=rows, legend=legend_of(panels[0, 0], {"ncols": min(len(many.groups), 5)}))
 
 
 def spread(many: ManyRuns, stem: Path) -> list[Path]:
