@@ -82,8 +82,10 @@ def draw(canvas: Image, segments_px: Array, colour: tuple[int, ...], thickness: 
 
 
 def write_text_on(canvas: Image, text: str, colour: tuple[int, ...] = WHITE) -> None:
-    """Write a line of text on a dark background into the top left corner of an image."""
+    """Write a line of text on a dark background into the top left corner of an image, smaller where it is long."""
     scale = canvas.shape[1] / 900
+    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)
+    scale *= min(1.0, (canvas.shape[1] - 12) / max(width, 1))
     (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)
     cv2.rectangle(canvas, (0, 0), (width + 12, height + base + 8), (28, 26, 24), -1)
     cv2.putText(canvas, text, (6, height + 5), cv2.FONT_HERSHEY_DUPLEX, scale, colour, 1, cv2.LINE_AA)

@@ -23,6 +23,7 @@ from uavbench.reports import figures, figures_on_axes, restarts
 from uavbench.reports.closed_loop import figure as closed_loop
 from uavbench.reports.closed_loop import summary_figures
 from uavbench.reports.figures import comparison, distributions, flight, image_panels, ranking, space, sweeps, time
+from uavbench.reports.figures.tracker_pictures import write_text_on
 from uavbench.reports.history import figures as history
 from uavbench.reports.history.trend import trends
 from uavbench.reports.many_runs import figures as many_runs
@@ -234,6 +235,7 @@ def labels_of(legend):
     return [text.get_text() for text in legend.get_texts()]
 
 
+@pytest.mark.slow(seconds=40)
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: f"{kind.__module__.split('.', 2)[2]}.{kind.__name__}")
 def test_legends_and_titles_of_long_names_lie_within_their_figures(study, saved, kind, tmp_path: Path) -> None:
     (tmp_path / "figures").mkdir()
@@ -261,6 +263,15 @@ def test_legends_on_given_axes_lie_within_the_figure(study, name, panels, wide) 
             shown = labels_of(panel.get_legend())
             assert len(set(shown)) == len(shown)
         assert beyond(figure) == []
+
+
+def test_text_on_an_image_lies_within_it() -> None:
+    widest = []
+    for text in ("lsd, 15 Hz  frame 3", f"{NAMES['ends'][0]}, 15 Hz  frame 12  relocalized"):
+        canvas = np.full((240, 320, 3), 200, np.uint8)
+        write_text_on(canvas, text)
+        widest.append(int((canvas != 200).any(axis=(0, 2)).sum()))
+    assert widest[0] < widest[1] < 320
 
 
 @pytest.mark.parametrize("count", [2, 3])
