@@ -85,7 +85,16 @@ def test_a_vehicle_of_ones_own_from_mjcf(tmp_path: Path) -> None:
         ("a.toml", "mass_kg = -1.0\n", r"a\.toml: mass_kg: .*greater than 0"),
         ("a.toml", "mass_kg = \n", r"a\.toml: not valid TOML"),
         ("a.toml", 'like = "iriss"\n', r"unknown airframe `like` 'iriss'; did you mean 'iris'"),
-        ("a.toml", "inertia_kg_m2 = [1e-5, 1e-5, 9e-5]\n", r"a\.toml: .*MJCF is not valid.*inertia"),
+        (
+            "a.toml",
+            "inertia_kg_m2 = [1e-5, 1e-5, 9e-5]\n",
+            r"a\.toml: inertia_kg_m2: 9e-05 is larger than the sum of the other two, 2e-05",
+        ),
+        (
+            "a.toml",
+            "rotors_m = [[0.03, -0.03], [0.03, -0.03], [-0.03, 0.03], [0.03, 0.03]]\n",
+            r"a\.toml: .*rotors would have to give .* N to hover without turning.*check rotors_m",
+        ),
         ("a.toml", "yaw_signs = [1, 1, 1, 1]\n", r"a\.toml: .*independently"),
         ("a.toml", "mass_kg = 27.0\n", r"a\.toml: .*give 0 to 0\.48 N, and its weight is 264\.8 N.*check mass_kg"),
         ("a.toml", "max_thrust_n = 12.0\n", r"a\.toml: .*at least 1 / 50 of the most"),

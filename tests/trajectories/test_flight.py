@@ -183,11 +183,18 @@ def test_saturated_motors_are_told_with_their_share() -> None:
         fly(FlightSpec(path=Hover(), airframe=stiff, wind=Dryden(w20_m_s=4.0)), Mount(), BOX, 0)
 
 
+def test_a_crash_of_a_vehicle_out_of_control_is_not_blamed_on_its_path() -> None:
+    sluggish = Crazyflie(motor_time_constant_s=1.0)
+    told = r"path orbit: t = .*: crash into the floor, [0-9.]+ m from its planned place; .*check the airframe \(lag"
+    with pytest.raises(UserError, match=told):
+        fly(FlightSpec(path=Orbit(), airframe=sluggish), Mount(), BOX, 0)
+
+
 def test_a_crash_is_an_error_or_where_asked_the_end_of_the_record() -> None:
     lame = Geometric(position_1_s2=0.01, velocity_1_s=0.01, integral_1_s3=0.0, integral_limit_m_s2=0.01)
     spec = FlightSpec(path=Hover(from_deg=90.0, distance_m=6.0, height_m=0.2), control=lame)
     blown = replace(spec, wind=Steady(speed_m_s=2.0, from_deg=90.0))
-    with pytest.raises(UserError, match=r"path hover: t = .* s, at .* m: crash into the structure; plan"):
+    with pytest.raises(UserError, match=r"path hover: t = .* s, at .* m: crash into the structure, 6.* m from its planned place"):
         fly(blown, Mount(), BOX, 0)
     flight = fly(replace(blown, on_crash="record"), Mount(), BOX, 0)
     assert flight.status == "crashed" and flight.crashed_ns == flight.stamps_ns[-1] < 20_000_000_000

@@ -15,6 +15,9 @@ STRIDE = 10
 """Stride in control steps at which a plan is checked: 20 ms."""
 THRUST_SHARE = 0.9
 """Fraction of the maximum thrust that a plan may require; the rest is reserved for control."""
+ASTRAY_M = 0.1
+"""Distance in m from its planned place from which a crash is told with it: the clearance that a plan keeps."""
+OUT_OF_CONTROL = "lower the speed or wind, or check the airframe (lag, thrust, rotors) and the gains of `control`"
 
 
 def check_plan(
@@ -91,12 +94,17 @@ def check_saturation(record: Array, vehicle: Quadrotor, share: float) -> None:
         )
 
 
-def crash_error(record: Array, step: int, obstacles: ObstacleMesh) -> UserError:
-    """Error for a flight that crashed at a row of its record."""
+def crash_error(record: Array, step: int, obstacles: ObstacleMesh, planned: Array | None) -> UserError:
+    """Error for a flight that crashed at a row of its record; planned: the place (3,) where its guidance wanted it."""
     if not np.isfinite(record[step]).all():
-        return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; lower the speed or wind")
+        return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; {OUT_OF_CONTROL}")
     place = record[step, RECORD["positions_m"]]
-    return UserError(f"{_at(place, step)}: crash into {_obstacle(place, obstacles)}; plan the path further away")
+    crash = f"{_at(place, step)}: crash into {_obstacle(place, obstacles)}"
+    if planned is not None and (off_m := float(np.linalg.norm(place - planned))) > ASTRAY_M:
+        return UserError(
+            f"{crash}, {off_m:.2f} m from its planned place; {OUT_OF_CONTROL}, or plan the path further away"
+        )
+    return UserError(f"{crash}; plan the path further away")
 
 
 def _at(place: Array, step: int) -> str:

@@ -57,15 +57,16 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     with _told_with_path(spec):
         guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
-        record = _record(spec, guidance, vehicle, obstacles, seed)
-        return _checked(record, spec, mount, obstacles, vehicle, replayed=isinstance(guidance, Replay))
+        if isinstance(guidance, Replay):
+            return _checked(guidance.record, None, spec, mount, obstacles, vehicle)
+        return _simulated(_begin(spec, guidance, vehicle, obstacles, seed), spec, mount, obstacles, vehicle)
 
 
 def fly_through(simulation: Simulation, spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh) -> Flight:
     """Flight of a simulation from `begin`, flown to its end on the true state; UserError as `fly`."""
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     with _told_with_path(spec):
-        return _checked(simulate(simulation), spec, mount, obstacles, vehicle)
+        return _simulated(simulation, spec, mount, obstacles, vehicle)
 
 
 @contextmanager
@@ -77,23 +78,28 @@ def _told_with_path(spec: FlightSpec) -> Iterator[None]:
         raise UserError(f"path {path_name(spec.path)}: {error}") from None
 
 
+def _simulated(
+    simulation: Simulation, spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, vehicle: Quadrotor
+) -> Flight:
+    return _checked(simulate(simulation), simulation.reference, spec, mount, obstacles, vehicle)
+
+
 def _checked(
     record: Array,
+    reference: Array | None,
     spec: FlightSpec,
     mount: Mount,
     obstacles: ObstacleMesh,
     vehicle: Quadrotor,
-    *,
-    replayed: bool = False,
 ) -> Flight:
-    """The flight of a record (n, 30), up to its crash; UserError as `fly`."""
+    """The flight of a record (n, 30), up to its crash; UserError as `fly`. reference (n, 17): None of a replayed one."""
     step = crash_step(record, vehicle, obstacles)
     if step == 0 or (step is not None and spec.on_crash == "error"):
-        raise crash_error(record, step, obstacles)
+        raise crash_error(record, step, obstacles, None if reference is None else reference[step, :3])
     whole = record[: None if step is None else step + 1]
     whole = whole[np.isfinite(whole).all(axis=1)]
     check_camera(whole[:, RECORD["positions_m"]], whole[:, RECORD["quaternions_wxyz"]], mount, obstacles)
-    if step is None and not replayed:
+    if step is None and reference is not None:
         check_saturation(whole, vehicle, spec.saturation_share)
     return _flight(whole, crashed=step is not None)
 
@@ -132,14 +138,6 @@ def _begin(
     if isinstance(guidance, Planned):
         check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
     return Simulation(vehicle, spec.control.gains(), guide(guidance) if guide else guidance, air, obstacles)
-
-
-def _record(
-    spec: FlightSpec, guidance: Guidance | Replay, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int
-) -> Array:
-    if isinstance(guidance, Replay):
-        return guidance.record
-    return simulate(_begin(spec, guidance, vehicle, obstacles, seed))
 
 
 def _flight(record: Array, crashed: bool) -> Flight:

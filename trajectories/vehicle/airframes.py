@@ -33,7 +33,8 @@ class Crazyflie:
     T = c0 + c1 w + c2 w^2 (N, w in rad/s): its quadratic of the 16-bit command, with the command replaced by
     its own line w = 0.04077 c + 380.8. The drag of the rotors is -drag * sum(w) * airspeed, by body axis. Rotors are
     counted clockwise from front right; yaw_signs is the sign of each one's reaction torque about z. radius_m is
-    that of the sphere that must stay clear of everything. ValueError unless min_thrust_n is below max_thrust_n.
+    that of the sphere that must stay clear of everything. ValueError unless min_thrust_n is below max_thrust_n, and
+    for moments of inertia that no body has.
     """
 
     mass_kg: Positive = 0.027
@@ -53,6 +54,12 @@ class Crazyflie:
         if self.min_thrust_n >= self.max_thrust_n:
             raise ValueError(
                 f"min_thrust_n {self.min_thrust_n:g} is not below max_thrust_n {self.max_thrust_n:g}; swap them"
+            )
+        *less, largest = sorted(self.inertia_kg_m2)
+        if not largest <= sum(less) * (1 + 1e-9):
+            raise ValueError(
+                f"inertia_kg_m2: {largest:g} is larger than the sum of the other two, {sum(less):g}, which no body has; "
+                "check the numbers and their order x, y, z"
             )
 
     def build(self, mount: Mount) -> str:

@@ -216,6 +216,13 @@ def _of_motors(vehicle: Quadrotor) -> Iterator[str]:
             f"between them, and be at least 1 / {MOST_THRUST_TO_WEIGHT:g} of the most; check mass_kg (kg), "
             "min_thrust_n and max_thrust_n (N of each rotor)"
         )
+    hover_n = np.linalg.solve(vehicle.allocation, np.array([weight_n, 0.0, 0.0, 0.0]))
+    if least_n < weight_n < most_n and not (4 * hover_n.min() >= least_n and 4 * hover_n.max() <= most_n):
+        yield (
+            f"rotors would have to give {', '.join(f'{each:.4g}' for each in hover_n)} N to hover without turning, and "
+            f"give {vehicle.min_thrust_n:g} to {vehicle.max_thrust_n:g} N each; check rotors_m, which lie around its "
+            "middle, and yaw_signs, each in the order of the other"
+        )
     if not LAG_S[0] <= vehicle.motor_time_constant_s <= LAG_S[1]:
         yield (
             f"motor_time_constant_s {vehicle.motor_time_constant_s:g} is not between {LAG_S[0]:g} and {LAG_S[1]:g}; "
