@@ -1,5 +1,7 @@
 """The errors of one trajectory against another: association, alignment, ATE, RPE, coverage and NEES."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -7,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.reports.evaluation.options import Options
-from uavbench.reports.evaluation.plausibility import doubts
+from uavbench.reports.evaluation.plausibility import doubts, doubts_of_stamps
 from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
@@ -18,6 +20,7 @@ from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM, Consistency
 from uavbench.reports.uncertainty.pose_nees import pose_consistency
 from uavbench.tracker.versions import versions
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.covariances import PoseCovariances
 
@@ -167,10 +170,11 @@ def evaluate(
     claimed: covariances of the estimate's poses. asked_ns: stamps of all frames that its tracker was given, if known.
     """
     options = options or Options()
-    rows = match(reference, estimate, options.association, options.max_difference_s, options.offset_s)
-    pairs = paired(reference, estimate, rows, options.association, options.offset_s)
+    with _doubted(reference, estimate):
+        rows = match(reference, estimate, options.association, options.max_difference_s, options.offset_s)
+        pairs = paired(reference, estimate, rows, options.association, options.offset_s)
+        found = alignment(pairs, options.align)
     raw = pairs
-    found = alignment(pairs, options.align)
     if options.align != "none":
         pairs = found.apply(pairs)
     if asked_ns is None:
@@ -224,6 +228,15 @@ def evaluate(
         pairs=pairs,
         nees=None if claimed is None else ClaimedNees.of(raw, claimed.of_rows(rows.estimate), found),
     )
+
+
+@contextmanager
+def _doubted(reference: Trajectory, estimate: Trajectory) -> Iterator[None]:
+    """Add to a UserError that the stamps are in different units, which leaves few pairs or none, where they seem to."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError("; ".join([str(error), *doubts_of_stamps(reference, estimate)])) from None
 
 
 def coverage(pairs: PosePairs, expected: int) -> float:

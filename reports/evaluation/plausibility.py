@@ -36,12 +36,7 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
 
     pairs: matched poses before alignment.
     """
-    ours, theirs = (float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference))
-    if factor := _unit(ours, theirs, STAMP_FACTORS):
-        yield (
-            f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
-            "format (TUM: seconds, EuRoC: nanoseconds)?"
-        )
+    yield from doubts_of_stamps(reference, estimate)
     if len(pairs) < 3:
         return
     near, far = _from_middle(pairs.estimate_m), _from_middle(pairs.reference_m)
@@ -56,6 +51,18 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
         yield (
             f"the rotations of the estimate are those of the reference, turned by the same {turned_deg:.0f} degrees in "
             "all poses: are the axes of the camera, body or world others, or is a --mount inverted?"
+        )
+
+
+def doubts_of_stamps(reference: Trajectory, estimate: Trajectory) -> Iterator[str]:
+    """A sentence where the stamps of one trajectory are likely to be in another unit than those of the other."""
+    if not (len(reference) and len(estimate)):
+        return
+    ours, theirs = (float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference))
+    if factor := _unit(ours, theirs, STAMP_FACTORS):
+        yield (
+            f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
+            "format (TUM: seconds, EuRoC: nanoseconds)?"
         )
 
 

@@ -269,6 +269,16 @@ def test_other_units_and_orders_are_told(tmp_path: Path, wrong: dict, told: list
     assert scaled is None or not scaled.record["doubts"]
 
 
+@pytest.mark.parametrize(("first_s", "align"), [(0.0, "se3"), (1000.0, "none")])
+def test_another_unit_of_time_that_leaves_too_few_pairs_is_told(tmp_path: Path, first_s: float, align: str) -> None:
+    way = circle()
+    way = Trajectory.from_poses(
+        [s + round(first_s * 1e9) for s in way.stamps_ns.tolist()], list(map(way.pose, range(len(way))))
+    )
+    with pytest.raises(UserError, match="the stamps of the estimate span 1,000 times those of the reference"):
+        evaluate_files(written(tmp_path / "a.tum", way), written(tmp_path / "b.tum", way, stamp=1e3), align=align)
+
+
 @pytest.mark.parametrize("align", ["none", "se3", "sim3", "yaw", "origin"])
 def test_quaternions_in_another_order_are_told_in_another_world_too(tmp_path: Path, align: str) -> None:
     way, world = circle(), Pose.exp(np.array([1.0, 2.0, -0.5, 0.3, -0.9, 0.4]))
