@@ -31,7 +31,7 @@ MOST_FAULTS = 10_000
 FAULTS = {
     "cannot-start": "check that the program exists, is executable, and finds its libraries",
     "not-ready": "print the line `ready` on standard output and flush it once the tracker can receive frames",
-    "crashed": "its error output is in stderr.txt of the job folder",
+    "crashed": "its error output is in stderr.txt of the job folder, which `check` and `track` keep; flights do not",
     "out-of-memory": "use less memory, or raise memory_mb, the limit for all of its processes together",
     "hung": "answer every frame, and flush standard output after each line; or raise timeout_s",
     "no-output": "write estimates.csv in the current folder",
