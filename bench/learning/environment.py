@@ -134,7 +134,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         if tracker not in found.trackers:
             raise unknown_name("tracker", tracker, list(found.trackers))
         if loop not in found.loops:
-            raise unknown_name("loop", loop, list(found.loops))
+            raise unknown_name("loop", loop, [name or "'', the only one" for name in found.loops])
         specs = [spec for spec in found.sequences if isinstance(spec, SequenceSpec)]
         pilot = Pilot(
             label=tracker, tracker=found.trackers[tracker], rate_hz=found.rates_hz[0], loop=found.loops[loop],

@@ -107,6 +107,12 @@ def test_three_mistakes_are_told_at_once(tmp_path):
             "sequences.box.camera",
             "either fx_px, fy_px, cx_px, cy_px, or horizontal_fov_deg, not both",
         ),
+        (
+            "effects =",
+            "flight.control = { attitude_1_s2 = [-422.0, 422.0, 273.0] }\neffects =",
+            "sequences.box.flight.control.attitude_1_s2[0]",
+            "greater than 0",
+        ),
         ('"indoor" }', '"outdoor", grain = 0.5 }', "sequences.box.environment.grain", "less than or equal to 0.3"),
         ('"indoor" }', '"outdoor", grain = -0.1 }', "sequences.box.environment.grain", "greater than or equal to 0"),
         (

@@ -155,7 +155,7 @@ def test_it_is_made_by_name_and_its_mistakes_are_told(suite):
     made.close()
     with pytest.raises(UserError, match="robots"):
         InspectionEnv.of_suite(str(suite), "robots")
-    with pytest.raises(UserError, match="loop"):
+    with pytest.raises(UserError, match=r"unknown loop 'late' \(valid: '', the only one\)"):
         InspectionEnv.of_suite(str(suite), "truth", "late")
     with pytest.raises(UserError, match=r"tiny has no table \[loop\]"):
         InspectionEnv.of_suite("tiny", "lsd")

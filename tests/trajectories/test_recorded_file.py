@@ -67,6 +67,17 @@ def test_another_unit_or_order_is_told(tmp_path: Path, text: str, told: str) -> 
         planned(tmp_path / "flight.txt", text)
 
 
+def test_poses_between_which_nothing_flies_are_told(tmp_path: Path) -> None:
+    """An outlier of a tracking system, and positions in millimetres."""
+    row = lines(1, XYZW).splitlines()
+    row[20] = row[20].replace(" 1.0 ", " 21.0 ", 1)
+    with pytest.raises(UserError, match=r"flight\.txt: from pose 19 to pose 20, .* 20 m in 0\.05 s, faster than any"):
+        planned(tmp_path / "flight.txt", "\n".join(row))
+    table = np.column_stack([T, 1000 * POSITIONS * [1, 60, 1], XYZW]).tolist()
+    with pytest.raises(UserError, match=r"flight\.txt: from pose 0 to pose 1, .* faster than any vehicle; write metres"):
+        planned(tmp_path / "flight.txt", "\n".join(" ".join(map(repr, each)) for each in table))
+
+
 @pytest.mark.parametrize("pitch_deg", [0.0, -45.0, -90.0])
 def test_a_camera_may_look_anywhere_below_the_horizon(tmp_path: Path, pitch_deg: float) -> None:
     """Its poses may come without the mount, which is then level."""

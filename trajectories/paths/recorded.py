@@ -9,7 +9,12 @@ import numpy as np
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.paths.recorded_file import check_order_is_known, check_stamps, check_upright
+from uavbench.trajectories.paths.recorded_file import (
+    check_order_is_known,
+    check_speed,
+    check_stamps,
+    check_upright,
+)
 from uavbench.trajectories.paths.reference import Replay
 from uavbench.trajectories.paths.timing import check_flight_time
 from uavbench.trajectories.pose import Array, Pose, quaternion_from_rotation
@@ -31,7 +36,8 @@ class Recorded:
     Between the recorded poses the motion is a cubic spline of position and of rotation (twice continuously
     differentiable, so inertial measurements have no steps). `frame` tells whether the file has poses of the vehicle's
     body or of the camera. Stamps are relative to the first one of the file. A body that is upside down, or
-    upright only with the quaternions in the other order, and stamps less than 0.1 ms apart are refused.
+    upright only with the quaternions in the other order, stamps less than 0.1 ms apart, and poses between which it
+    would move at more than 200 m/s are refused.
     """
 
     file: str = "trajectory.tum"
@@ -57,6 +63,7 @@ class Recorded:
                 f"{self.file}: {gaps[row] / 1e9:.3f} s without a pose after pose {row}; at most {LONGEST_GAP_S} s are "
                 "interpolated"
             )
+        check_speed(file, given)
         check_flight_time(float(given.stamps_ns[-1] - given.stamps_ns[0]) / 1e9)
         body = self._of_body(given, mount)
         check_upright(file, self.frame, body)

@@ -13,6 +13,9 @@ from uavbench.trajectories.trajectory_files.number_lines import cells_of, commen
 
 LEAST_GAP_NS = 100_000
 """Median gap of stamps below which they are in another unit: no system records poses at more than 10,000 Hz."""
+FASTEST_M_S = 200.0
+"""Speed between two poses from which positions are in another unit, or one of them is an outlier: the fastest
+quadrotors reach 160 m/s."""
 LARGEST_TILT = {"body": np.radians(90.0), "camera": np.radians(120.0)}
 """Largest median tilt in rad, by `frame`, of a vehicle that flies: one whose camera looks down may have no mount."""
 DOUBTFUL_TILT, UPRIGHT = np.radians(30.0), 1 / 3
@@ -40,6 +43,18 @@ def check_stamps(file: Path, format: str, given: Trajectory) -> None:
         raise UserError(
             f"{file}: its poses would be {gap_ns:,} ns apart, their stamps read as {unit} of the format {format}; "
             "write seconds (tum) or nanoseconds (euroc)"
+        )
+
+
+def check_speed(file: Path, given: Trajectory) -> None:
+    """UserError for poses between which no vehicle moves, as of a tracking system that lost its markers."""
+    moved_m = np.linalg.norm(np.diff(given.positions_m, axis=0), axis=1)
+    took_s = np.diff(given.stamps_ns) / 1e9
+    row = int(np.argmax(moved_m / took_s))
+    if moved_m[row] > FASTEST_M_S * took_s[row]:
+        raise UserError(
+            f"{file}: from pose {row} to pose {row + 1}, counted from 0, it moves {moved_m[row]:.3g} m in "
+            f"{took_s[row]:.3g} s, faster than any vehicle; write metres, and leave out poses that are outliers"
         )
 
 

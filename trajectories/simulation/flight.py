@@ -92,7 +92,7 @@ def _checked(
     obstacles: ObstacleMesh,
     vehicle: Quadrotor,
 ) -> Flight:
-    """The flight of a record (n, 30), up to its crash; UserError as `fly`. reference (n, 17): None of a replayed one."""
+    """The flight of a record (n, 30), up to its crash; UserError as `fly`. reference (n, 17): None of a replay."""
     step = crash_step(record, vehicle, obstacles)
     if step == 0 or (step is not None and spec.on_crash == "error"):
         raise crash_error(record, step, obstacles, None if reference is None else reference[step, :3])

@@ -58,7 +58,7 @@ class Crazyflie:
         *less, largest = sorted(self.inertia_kg_m2)
         if not largest <= sum(less) * (1 + 1e-9):
             raise ValueError(
-                f"inertia_kg_m2: {largest:g} is larger than the sum of the other two, {sum(less):g}, which no body has; "
+                f"inertia_kg_m2: {largest:g} is larger than the sum of the other two, {sum(less):g}, as of no body; "
                 "check the numbers and their order x, y, z"
             )
 

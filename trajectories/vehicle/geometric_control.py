@@ -35,6 +35,9 @@ REFERENCE_COLUMNS = 17
 10:13 and acceleration 13:16 in the reference's own body axes; rate of the specific thrust 16 (m/s^3)."""
 
 
+Positive = Annotated[float, Gt(0)]
+
+
 @dataclass(frozen=True)
 class Geometric:
     """Gains of the tracking controller; the defaults are those of the Crazyflie's firmware (controller_lee.c).
@@ -43,12 +46,12 @@ class Geometric:
     inertia of 1.66e-5, 1.66e-5, 2.93e-5 kg m^2. The integral gain is an addition: it compensates for steady wind.
     """
 
-    position_1_s2: Annotated[float, Gt(0)] = 7.0
-    velocity_1_s: Annotated[float, Gt(0)] = 4.0
+    position_1_s2: Positive = 7.0
+    velocity_1_s: Positive = 4.0
     integral_1_s3: Annotated[float, Ge(0)] = 2.0
-    integral_limit_m_s2: Annotated[float, Gt(0)] = 3.0
-    attitude_1_s2: tuple[float, float, float] = (422.0, 422.0, 273.0)
-    rate_1_s: tuple[float, float, float] = (69.0, 69.0, 68.0)
+    integral_limit_m_s2: Positive = 3.0
+    attitude_1_s2: tuple[Positive, Positive, Positive] = (422.0, 422.0, 273.0)
+    rate_1_s: tuple[Positive, Positive, Positive] = (69.0, 69.0, 68.0)
 
     def gains(self) -> "Gains":
         """Gains for the compiled control law."""
