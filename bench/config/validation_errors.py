@@ -8,6 +8,9 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
+from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
+from uavbench.bench.inputs.plugin_files import loaded
+
 REMOVED = {("CameraClock", "even"): "frames are always evenly spaced; delete this key"}
 """Keys of earlier versions by model and name, and what to do about them."""
 
@@ -33,7 +36,7 @@ def explain(model: type[BaseModel], error: Any) -> str:
             return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
         case "union_tag_invalid":
             valid = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
-            return f"{path}.kind: unknown kind {context['tag']!r}{_nearest(context['tag'], valid)}"
+            return f"{path}.kind: {_unknown_kind(context['tag'], valid)}"
         case "union_tag_not_found":
             return f"{path}: `kind` is missing"
         case "missing" if keys[-1] == "kind":
@@ -46,6 +49,19 @@ def explain(model: type[BaseModel], error: Any) -> str:
             got = error["input"]
             shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
             return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
+
+
+def _unknown_kind(kind: str, valid: list[str]) -> str:
+    """What is wrong with a kind that is not valid; a plug-in that was imported lacks the method of its place."""
+    module, colon, attribute = kind.partition(":")
+    verbs = [
+        verb
+        for protocol, (kinds, verb) in PLUGINS.items()
+        if protocol not in DEFAULT_KINDS and set(valid) >= set(kinds)
+    ]
+    if colon and module in loaded and verbs:
+        return f"plug-in {kind!r} cannot be used here: its class {attribute} has no method `{verbs[0]}`"
+    return f"unknown kind {kind!r}{_nearest(kind, valid)}"
 
 
 def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:

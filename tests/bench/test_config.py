@@ -355,3 +355,15 @@ def test_a_users_own_plugin_is_taken_by_module_and_attribute(tmp_path, monkeypat
     first, second = mistakes(tmp_path, missing.replace('kind = "box"', 'kind = "nor_here:Box"'))
     assert "structure.kind: plug-in 'nor_here:Box' cannot be imported" in first
     assert second.startswith("trackers.hold.kind: plug-in 'not_there:Mine' cannot be imported")
+
+
+def test_a_plug_in_without_the_method_of_its_place_is_told_so(tmp_path, monkeypatch):
+    """It was called an unknown kind, with a list of those that come with the program."""
+    (tmp_path / "half.py").write_text(
+        "from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Mine:\n    a: int = 1\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    text = GOOD.replace('{ kind = "hold" }', '{ kind = "half:Mine" }').replace("hand-pilot", "half:Mine")
+    path, tracker = mistakes(tmp_path, text.replace(", duration_s = 2.0", ""))
+    assert path.endswith("path.kind: plug-in 'half:Mine' cannot be used here: its class Mine has no method `plan`")
+    assert tracker.endswith("hold.kind: plug-in 'half:Mine' cannot be used here: its class Mine has no method `start`")

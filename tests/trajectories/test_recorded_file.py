@@ -74,7 +74,9 @@ def test_poses_between_which_nothing_flies_are_told(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"flight\.txt: from pose 19 to pose 20, .* 20 m in 0\.05 s, faster than any"):
         planned(tmp_path / "flight.txt", "\n".join(row))
     table = np.column_stack([T, 1000 * POSITIONS * [1, 60, 1], XYZW]).tolist()
-    with pytest.raises(UserError, match=r"flight\.txt: from pose 0 to pose 1, .* faster than any vehicle; write metres"):
+    with pytest.raises(
+        UserError, match=r"flight\.txt: from pose 0 to pose 1, .* faster than any vehicle; write metres"
+    ):
         planned(tmp_path / "flight.txt", "\n".join(" ".join(map(repr, each)) for each in table))
 
 
