@@ -148,6 +148,15 @@ def test_faults_in_a_stream(program, run, each, fault, ok):
     assert int(results.ok.sum()) == ok
 
 
+@pytest.mark.parametrize("pause_s", [0.0, 0.2])
+def test_a_second_answer_after_one_that_is_not_finite_is_a_duplicate(program, run, pause_s):
+    """It was taken for an answer of an unknown stamp, and in flight it cost all frames that followed."""
+    each = (
+        f"if count == 4: say(f'{{stamp}},ok,nan,0,0,1,0,0,0'); say(f'{{stamp}},lost'); time.sleep({pause_s}); continue"
+    )
+    assert run(program(stream_program(each)))[1] == ["not-finite", "duplicate"]
+
+
 def test_faults_at_the_start_of_a_stream(program, run):
     assert run(program("say('hello')\ntime.sleep(60)"))[1] == ["not-ready"]
     assert run(program("time.sleep(60)", start_timeout_s=0.5))[1] == ["hung"]
