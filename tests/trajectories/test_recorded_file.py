@@ -1,5 +1,6 @@
 """A recorded flight in another unit, or whose quaternions have another order, is told and not flown."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.wind.winds import Steady, Still
 
 COUNT = 41
 T = np.arange(COUNT) * 0.05
@@ -78,6 +81,14 @@ def test_poses_between_which_nothing_flies_are_told(tmp_path: Path) -> None:
         UserError, match=r"flight\.txt: from pose 0 to pose 1, .* faster than any vehicle; write metres"
     ):
         planned(tmp_path / "flight.txt", "\n".join(" ".join(map(repr, each)) for each in table))
+
+
+def test_wind_that_moves_nothing_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "flight.tum").write_text(lines(1, XYZW))
+    spec = FlightSpec(path=Recorded(str(tmp_path / "flight.tum")), wind=Steady(speed_m_s=3.0))
+    with pytest.raises(UserError, match=r"path recorded: a recorded motion is replayed as it is.* leave out `wind`"):
+        fly(spec, Mount(), BOX, 0)
+    assert fly(replace(spec, wind=Still()), Mount(), BOX, 0).status == "completed"
 
 
 @pytest.mark.parametrize("pitch_deg", [0.0, -45.0, -90.0])

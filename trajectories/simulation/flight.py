@@ -58,6 +58,8 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
     with _told_with_path(spec):
         guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
         if isinstance(guidance, Replay):
+            if spec.wind != Still():
+                raise UserError("a recorded motion is replayed as it is, and no wind moves it; leave out `wind`")
             return _checked(guidance.record, None, spec, mount, obstacles, vehicle)
         return _simulated(_begin(spec, guidance, vehicle, obstacles, seed), spec, mount, obstacles, vehicle)
 
