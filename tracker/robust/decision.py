@@ -11,6 +11,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory
 from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.found_edges import MOST_MISSING, FoundEdges
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places
@@ -63,6 +64,7 @@ class Decider:
         self.relocator = Relocator(fitter, camera)
         self.doubts = Doubts(self.relocator)
         self.places = Places(fitter.edges, camera, config.relocalization.search.view_step_rad, fitter.rng)
+        self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
         self.until_search, self.searched_suspect = 0, False
         self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
@@ -77,7 +79,9 @@ class Decider:
         best = self.without_patches(frame, found.fit, clock)
         given = best is tracked or (first and self.kept_initial)
         fit = best if given else self.freed(best)
-        settled = found.settled and self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
+        held = self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
+        slid = found.settled and held and self.has_slid(frame, fit)
+        settled = found.settled and held and not slid
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
         self.led &= not settled
@@ -88,7 +92,7 @@ class Decider:
             fit, settled = anew, True
         if not settled or self.doubts.settled:
             others = found.contenders if best is found.fit else ()
-            is_open, contenders = settled and self.is_open(fit), others or (Contender(fit),)
+            is_open, contenders = settled and self.is_open(fit), () if slid else others or (Contender(fit),)
             return Decision(fit, settled, found.rivalled, is_open=is_open, contenders=contenders)
         fit = self.doubted(frame, fit, clock)
         self.before = None if self.doubts.settled else self.before
@@ -102,6 +106,7 @@ class Decider:
         if self.doubts.settled:
             return before
         self.doubts.end()
+        self.found_edges.forget()
         self.relocator.forget()
         if self.before is not None:
             before = self.before.photometry
@@ -136,6 +141,7 @@ class Decider:
     def begun_at(self, fit: Fit, clock: StageClock) -> Fit:
         """The fit, its edges located, at which the run begins again with an empty memory."""
         self.fitter.forget()
+        self.found_edges.forget()
         start = self.freed(fit)
         self.state.begin_again(Motion(start.cam_from_world, start.covariance), start.range_m)
         return self.freed(self.fitter.located(fit, clock))
@@ -151,6 +157,16 @@ class Decider:
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
         return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
+
+    def has_slid(self, frame: Frame, fit: Fit) -> bool:
+        """Whether a track's fit lacks many edges that were found just before, and hardly a patch is where it has to be.
+
+        After a long interval they may be hidden, and a search compares poses.
+        """
+        if self.state.is_first or self.is_slow(frame) or fit.residuals is None:
+            return False
+        patches = int(np.count_nonzero(fit.residuals.weighting.patch_weight))
+        return patches < MIN_POINTS and self.found_edges.missing(fit) > MOST_MISSING
 
     def is_vouched_for(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, which may be wrong, and chance does not explain it."""

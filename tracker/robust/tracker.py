@@ -102,6 +102,7 @@ class RobustRun:
         """Update appearance, patches, biases, motion, usual support and unit weight with the fit of a frame."""
         self.unit_weight.learn(fit, self.fitter.biases.state)
         self.fitter.learn(frame.image, fit, frame.dt_s)
+        self.decider.found_edges.learn(fit)
         self.state.learn(frame.predicted, fit, frame.dt_s, stamp_ns)
         self.frames.ok_rows = self.frames.seen_rows
 
