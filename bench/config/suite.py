@@ -29,6 +29,9 @@ MOST_SEEDS = 10_000
 """Most seeds of a suite; every sequence is flown once per seed."""
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
+FLOWN = ("sequences", "recordings", "start", "loop", "loops")
+"""Tables of a suite that tell what is flown."""
+
 
 @dataclass(frozen=True)
 class Suite:
@@ -83,10 +86,12 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     errors += _same_flights([spec for spec in sequences if spec is not None and spec.seed == checked.seeds[0]])
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
-    more = [data.get("loop"), data.get("loops")] if loops else []
+    read = checked.model_dump(exclude_unset=True)
+    given = {key: _as_read(data[key], read.get(key)) for key in FLOWN if key in data}
+    more = [given.get("loop"), given.get("loops")] if loops else []
     if files := contents([spec for spec in sequences if spec.seed == checked.seeds[0]]):
         more.append(files)
-    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"), *more)
+    flights = content_hash(given.get("sequences", given.get("recordings")), checked.seeds, given.get("start"), *more)
     return Suite(
         name=path.stem,
         title=checked.title,
@@ -98,6 +103,15 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         flights=flights,
         loops=loops,
     )
+
+
+def _as_read(given: Any, read: Any) -> Any:
+    """A value of a file with its whole numbers as they were read, so that 65 is 65.0 where a float is asked for."""
+    if isinstance(given, dict) and isinstance(read, Mapping):
+        return {key: _as_read(value, read.get(key)) for key, value in given.items()}
+    if isinstance(given, list) and isinstance(read, list | tuple) and len(given) == len(read):
+        return [_as_read(*pair) for pair in zip(given, read, strict=True)]
+    return read if type(given) is int and type(read) is float else given
 
 
 def load_tracker(path: Path) -> Tracker:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from uavbench.bench.inputs.elsewhere import whole_paths
 from uavbench.bench.inputs.file_paths import is_file
-from uavbench.bench.inputs.named_files import is_python, named_files
+from uavbench.bench.inputs.named_files import folders_of, is_python, named_files
 from uavbench.trajectories.source_files import among, made_of, parsed
 
 PYTHONS = ("python", "pypy")
@@ -50,7 +50,7 @@ def run_files(command: Sequence[str]) -> tuple[Path, ...]:
     files = [*program, *(path for path in words if path.is_absolute() and is_file(path))]
     scripts = [path for path in files if is_python(path)]
     modules = [f"{name}{end}" for word, name in pairwise(command) if word == "-m" for end in ("", ".__main__")]
-    made = made_of(modules, scripts, among([*(script.parent for script in scripts), *_search(program)]))
+    made = made_of(modules, scripts, among([*folders_of(*scripts), *_search(program)]))
     return tuple(sorted({*files, *made.files}))
 
 

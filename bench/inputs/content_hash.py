@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -13,13 +13,14 @@ from typing import Any
 
 from uavbench.bench.inputs.file_paths import is_file, names_a_file
 from uavbench.bench.inputs.library_builds import READ_WITH, build, library_builds
-from uavbench.bench.inputs.plugin_files import bench_key, files_of, plugin_key
+from uavbench.bench.inputs.plugin_files import bench_key, files_of, named_by_plugin, plugin_key
 from uavbench.bench.inputs.process_environment import process_environment
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
 from uavbench.trajectories.source_files import file_digest
 
 PACKAGES = {"uavbench"}
+INPUT_FILES = "input_files"
 PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parents[2]
 WORK = ROOT / "bench" / "runner" / "tasks.py"
@@ -78,21 +79,43 @@ def _of_plugin(value: Any) -> dict[str, Any]:
         form["code"] = bench_key(cls)
     elif top not in PACKAGES:
         form["code"] = plugin_key(cls)
-    named = [*getattr(value, "entering_files", ()), *map(Path, getattr(value, "input_files", ()))]
-    form["entering"] = [file_form(path) for path in named]
+    given = [Path(name) for name in getattr(value, INPUT_FILES, ())]
+    form["entering"] = [file_form(path) for path in (*getattr(value, "entering_files", ()), *given)]
     form["variables"] = [os.environ.get(name, "") for name in getattr(value, "entering_variables", ())]
-    for f in fields(cls):
-        given = getattr(value, f.name)
-        if names_a_file(f.name) and given and isinstance(given, str):
-            form[f.name] = [file_form(path) for path in files_of(Path(given), whole=top not in PACKAGES)]
+    for name, path in _paths(value):
+        files = [*files_of(path, whole=top not in PACKAGES)]
+        form[name] = [file_form(path) for path in files]
+        given += files
+    if INPUT_FILES in form:
+        form[INPUT_FILES] = [Path(name).name for name in form[INPUT_FILES]]
+    if top not in PACKAGES:
+        form["named"] = sorted(map(file_form, _named_by(given)))
     return form
 
 
+def _paths(value: Any) -> Iterator[tuple[str, Path]]:
+    """Fields of a dataclass that name files, with their paths."""
+    for f in fields(value):
+        given = getattr(value, f.name)
+        if names_a_file(f.name) and given and isinstance(given, str):
+            yield f.name, Path(given)
+
+
+def _named_by(given: Iterable[Path]) -> set[Path]:
+    """Files that those given to a user's plug-in name."""
+    files = set(filter(is_file, given))
+    return named_by_plugin(files) - files
+
+
 def file_form(path: Path) -> list[str]:
-    """Name and content of a file, and the library that reads it; its whole path when it is missing or not readable."""
+    """Name and content of a file, and the library that reads it; its whole path when it is missing or not readable.
+
+    Of a folder the name alone: what counts of its files enters with them.
+    """
     library = READ_WITH.get(path.suffix.lower())
     try:
-        form = [path.name, file_digest(path)] if is_file(path) else [str(path), "no file"]
+        there = [path.name, "folder"] if path.is_dir() else [str(path), "no file"]
+        form = [path.name, file_digest(path)] if is_file(path) else there
     except OSError:
         form = [str(path), "not readable"]
     return form if library is None else [*form, *build(library)]
@@ -109,8 +132,9 @@ def contents(value: Any) -> list[list[str]]:
     if not is_dataclass(value) or isinstance(value, type):
         return []
     given = {f.name: getattr(value, f.name) for f in fields(value)}
-    paths = [Path(text) for name, text in given.items() if names_a_file(name) and text and isinstance(text, str)]
-    named = (*paths, *getattr(value, "entering_files", ()))
+    paths = [path for _, path in _paths(value)]
+    is_own = type(value).__module__.partition(".")[0] not in PACKAGES
+    named = (*paths, *getattr(value, "entering_files", ()), *(sorted(_named_by(paths)) if is_own else ()))
     forms = [[path.name, *(file_form(path)[1:2] if is_file(path) else ())] for path in named]
     return [*forms, *contents(given)]
 

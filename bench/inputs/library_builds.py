@@ -28,6 +28,8 @@ OPENCVS = [f"opencv-{contrib}python{headless}" for contrib in ("", "contrib-") f
 """Distributions of OpenCV; the one installed last provides `cv2`."""
 RECORD = re.compile(r"^\S*\.dist-info/RECORD(?=,)", re.MULTILINE)
 COMPILED = re.compile(r"^.*\.so[.\d]*\"?,sha256=.*$", re.MULTILINE)
+ANY_FILE = re.compile(r"^\"?(?!\.\./|__editable__|[^/\n]*\.dist-info/|[^/\n]*\.pth\"?,).*,sha256=.*$", re.MULTILINE)
+"""Lines of a record of compiled files, and of all but those that tell how and where a distribution is installed."""
 LOADED = Path("/proc/self/maps")
 LOADED_OPENCV = re.compile(r"/.*/(?:cv2|libopencv_)[^/\n]*\.so[^/\n]*$", re.MULTILINE)
 """OpenCV's files among those that a process has loaded."""
@@ -48,48 +50,48 @@ def build(name: str) -> list[str]:
         found = distribution(name)
     except PackageNotFoundError:
         return [name]
-    return [name, found.version, *sorted(compiled(found).values())]
+    return [name, found.version, *sorted(recorded(found, COMPILED).values())]
 
 
 def opencv_build() -> list[str]:
     """OpenCV's own description of its build, and the digests of the files of `cv2`."""
     about = hashlib.sha256(cv2.getBuildInformation().encode()).hexdigest()
-    recorded: dict[Path, str] = {}
+    known: dict[Path, str] = {}
     for name in OPENCVS:
         try:
-            recorded |= compiled(distribution(name))
+            known |= recorded(distribution(name), COMPILED)
         except PackageNotFoundError:
             continue
-    return ["cv2", about, *sorted(recorded.get(path) or _digest(path) for path in _loaded(LOADED_OPENCV))]
+    return ["cv2", about, *sorted(known.get(path) or _digest(path) for path in _loaded(LOADED_OPENCV))]
 
 
 def blas_build() -> list[str]:
     """Digests of the BLAS and LAPACK that NumPy and SciPy compute with."""
-    recorded: dict[Path, str] = {}
+    known: dict[Path, str] = {}
     for module in LINKED_WITH_BLAS:
         try:
-            recorded |= compiled(distribution(module.__name__.partition(".")[0]))
+            known |= recorded(distribution(module.__name__.partition(".")[0]), COMPILED)
         except PackageNotFoundError:
             continue
-    return ["blas", *sorted(recorded.get(path) or _digest(path) for path in _loaded(LOADED_BLAS))]
+    return ["blas", *sorted(known.get(path) or _digest(path) for path in _loaded(LOADED_BLAS))]
 
 
-def compiled(found: Distribution) -> dict[Path, str]:
-    """sha256 of each compiled file of a distribution: as recorded, or read where the file is newer or of other size."""
+def recorded(found: Distribution, lines: re.Pattern[str]) -> dict[Path, str]:
+    """sha256 of a distribution's files in these lines of its record, or read where one is newer or of other size."""
     text = found.read_text("RECORD") or ""
     record = RECORD.search(text)
     if record is None:
         return {}
     written_ns = _at(found, record[0]).stat().st_mtime_ns
     digests: dict[Path, str] = {}
-    for name, recorded, size in csv.reader(COMPILED.findall(text)):
+    for name, digest, size in csv.reader(lines.findall(text)):
         path = _at(found, name)
         try:
             about = path.stat()
             is_unchanged = about.st_mtime_ns <= written_ns and str(about.st_size) == size
         except OSError:
             is_unchanged = False
-        digests[path] = _hex(recorded) if is_unchanged else _digest(path)
+        digests[path] = _hex(digest) if is_unchanged else _digest(path)
     return digests
 
 

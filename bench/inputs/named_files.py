@@ -1,18 +1,20 @@
 """Files that sources and scripts name: data, modules, further scripts; a superset of those used.
 
 A name is looked up in the folder of the source, in the parent folder, and in folders there that the source also names,
-so that both `HERE / "data" / "weights.npy"` and `"data/weights.npy"` are found. Scripts in languages other than Python
-may also name files by whole paths and programs on PATH; a program also names the libraries that it is linked with.
+so that both `HERE / "data" / "weights.npy"` and `"data/weights.npy"` are found; a source that is a link has the folders
+of the link and of the file. Scripts in languages other than Python may also name files by whole paths and programs on
+PATH; a program also names the libraries that it is linked with, and a model its materials, textures and buffers.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
 from uavbench.bench.inputs.elsewhere import linked_with, named_anywhere
 from uavbench.bench.inputs.file_paths import is_file
+from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.trajectories.source_files import Find, among, is_ours, made_of, source_file, stamp, texts
 
 MOST_BYTES = 1 << 20
@@ -28,14 +30,17 @@ PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")
 MODULES = (".py", "/__init__.py", "/__main__.py")
 
 
-def named_files(sources: Iterable[Path], find: Find = source_file) -> set[Path]:
-    """Files that the user's sources name, and those that they name and import in turn; find: locates modules."""
+def named_files(sources: Iterable[Path], find: Find = source_file, places: Sequence[Path] = ()) -> set[Path]:
+    """Files that the user's sources name, and those that they name and import in turn.
+
+    find: locates modules; places: further folders in which names are looked up.
+    """
     known = set(sources)
     waiting = [*known]
     while waiting:
-        new = set(_named_by(waiting.pop())) - known
+        new = set(_named_by(waiting.pop(), places)) - known
         scripts = [path for path in new if is_python(path)]
-        here = among({path.parent for path in scripts})
+        here = among(folders_of(*scripts))
         new |= made_of((), scripts, lambda name, here=here: here(name) or find(name)).files - known  # type: ignore[misc]
         known |= new
         waiting += new
@@ -54,13 +59,20 @@ def is_python(path: Path) -> bool:
     return first.startswith(b"#!") and b"python" in first
 
 
-def _named_by(source: Path) -> Iterator[Path]:
+def folders_of(*files: Path) -> list[Path]:
+    """Folders of files, and of the files that those among them are links to."""
+    return list(dict.fromkeys(path.parent for file in files for path in (file, file.resolve())))
+
+
+def _named_by(source: Path, places: Sequence[Path]) -> Iterator[Path]:
     """Files that one source names."""
     words = frozenset() if is_ours(source) else _words(source, stamp(source))
     if not is_python(source):
         yield from named_anywhere(_text(source))
         yield from linked_with(source)
-    folders = [source.parent, source.parent.parent]
+        yield from parts_of(source)
+    near = [path for folder in folders_of(source) for path in (folder, folder.parent)]
+    folders = list(dict.fromkeys([*near, *places]))
     for folder in folders:  # grows within the loop
         there = _names_in(folder)
         for word in words:

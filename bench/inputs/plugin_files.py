@@ -1,13 +1,15 @@
 """Files and distributions of a user's plug-in whose change may change its behaviour."""
 
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.metadata import packages_distributions, version
+from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
 from pathlib import Path
 from typing import Any
 
+from uavbench.bench.inputs.library_builds import ANY_FILE, recorded
 from uavbench.bench.inputs.named_files import is_python, named_files
 from uavbench.trajectories.source_files import MadeOf, digest, is_ours, made_of, source_file, texts
 
@@ -15,12 +17,16 @@ loaded: dict[str, frozenset[str]] = {}
 """Module of a plug-in -> the modules loaded by importing it."""
 OF_THE_SHELL = {"_", "PWD", "OLDPWD", "SHLVL"}
 """Variables that a shell sets anew for each command or folder."""
+REQUIRED = re.compile(r"[\w.-]+(?!.*\bextra\b)")
+"""Name of a distribution in a requirement that is not of an extra."""
+OWN = "uavbench"
+"""This distribution, whose code is in the keys of jobs."""
 declared: set[Path] = set()
 """Files that suites name as `input_files` of plug-ins."""
 
 
 def plugin_key(cls: type) -> dict[str, Any]:
-    """Hash of a plug-in's files, the variables that they name, and the versions of the distributions that it imports.
+    """Hash of a plug-in's files, the variables that they name, and the distributions that it imports.
 
     Its files are its whole package, all user modules that it imports or that were loaded by importing it, and the files
     named in their source (`named_files`).
@@ -30,7 +36,7 @@ def plugin_key(cls: type) -> dict[str, Any]:
     return {
         "files": digest(made.files),
         "variables": variables_named_by(made.files),
-        "distributions": _versions({module.partition(".")[0], *made.others}),
+        "distributions": _installed({module.partition(".")[0], *made.others}),
     }
 
 
@@ -45,7 +51,12 @@ def plugins_made_of(modules: Iterable[str], plugins: Iterable[str]) -> MadeOf:
     """What modules import and name, and the whole packages of the modules of plug-ins."""
     made = made_of(modules)
     packages = (path for module in plugins for path in _package(module))
-    return MadeOf(frozenset({*named_files(made.files), *packages}), made.others)
+    return MadeOf(frozenset({*named_by_plugin(made.files), *packages}), made.others)
+
+
+def named_by_plugin(files: Iterable[Path]) -> set[Path]:
+    """Files of a user's plug-in, and those that they name, from the folder in which the process runs, too."""
+    return named_files(files, places=[Path.cwd()])
 
 
 def bench_key(cls: type) -> str:
@@ -77,10 +88,22 @@ def files_of(path: Path, *, whole: bool) -> Iterator[Path]:
             yield inner
 
 
-def _versions(names: Iterable[str]) -> dict[str, str]:
-    """Versions of the distributions that provide modules of these names."""
+def _installed(names: Iterable[str]) -> dict[str, list[str]]:
+    """Versions and files of the distributions that provide modules of these names, and of those that they require."""
     owners = _distributions()
-    return {owner: version(owner) for name in sorted(names) for owner in sorted(set(owners.get(name, ())))}
+    waiting = [owner for name in names for owner in owners.get(name, ())]
+    found: dict[str, list[str]] = {}
+    while waiting:
+        name = re.sub(r"[-_.]+", "-", waiting.pop()).lower()
+        if name in found or name == OWN:
+            continue
+        try:
+            there = distribution(name)
+        except PackageNotFoundError:  # for another system, or left out
+            continue
+        found[name] = [there.version, *sorted(recorded(there, ANY_FILE).values())]
+        waiting += [need[0] for line in there.requires or () if (need := REQUIRED.match(line))]
+    return found
 
 
 @cache

@@ -4,6 +4,9 @@ numba's own cache is invalidated by changes of the kernel's file alone, though t
 may be in other files. Whatever determines a kernel's code has been imported when the kernel is compiled, so the name of
 the folder is the hash of all user modules imported by then, with all that they import and name, and of the declared
 `input_files`.
+
+Python's own cache is invalidated by the time and size of a source, which files of one archive or repository may share
+(`ln -sf variants/b.py mine.py`): users' modules are compiled each time.
 """
 
 import os
@@ -12,6 +15,8 @@ import sysconfig
 import time
 from collections.abc import Callable
 from functools import cache
+from hashlib import sha256
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +26,21 @@ from uavbench.bench.inputs.plugin_files import declared, loaded, plugins_made_of
 from uavbench.trajectories.files.temporary_names import start_ticks
 from uavbench.trajectories.kernels.cache import KernelFiles, folder_of, key_of
 from uavbench.trajectories.kernels.kept_imports import remembered
-from uavbench.trajectories.source_files import LIBRARIES, is_ours, source_file
+from uavbench.trajectories.source_files import LIBRARIES, content_of, editable, is_ours, source_file
 
 MOST_VERSIONS = 100
 """Most compiled versions of a kernel in a folder: some argument types differ in each process and are never loaded."""
 _load: Any = Cache.load_overload
 _save: Any = Cache.save_overload
+_stats: Any = SourceFileLoader.path_stats
 
 
 def keep_by_content() -> None:
-    """Make numba cache the kernels of users' files by content, from now on in this process."""
+    """From now on in this process, numba caches the kernels of users' files by content, and Python not their code."""
     numbas: Any = Cache
     numbas.load_overload, numbas.save_overload = _load_by_content, _save_by_content
+    pythons: Any = SourceFileLoader
+    pythons.path_stats = _stats_unless_users
 
 
 def written_since_start() -> list[str]:
@@ -66,6 +74,13 @@ def _save_by_content(kernel: Any, sig: Any, data: Any) -> None:
     files = _files_of(kernel)
     if files is not None and files.count() < MOST_VERSIONS and kernel._impl.check_cachable(data):
         files.keep(kernel._index_key(sig, data.codegen), kernel._impl.reduce(data))
+
+
+def _stats_unless_users(loader: Any, path: str) -> Any:
+    """Time and size of a source; OSError for a user's, of which Python then neither reads nor writes compiled code."""
+    if editable(Path(path)) and not is_ours(Path(path)):
+        raise OSError(f"{path}: compiled each time")
+    return _stats(loader, path)
 
 
 def _is_users(function: Callable[..., Any]) -> bool:
@@ -118,10 +133,11 @@ def _is_newer(path: Path) -> bool:
 
 
 @cache
-def _installed() -> list[str]:
-    """Names of all installed distributions with their versions, as the folders of their metadata are called."""
+def _installed() -> list[tuple[str, str]]:
+    """Names of all installed distributions with their versions, as the folders of their metadata, and their records."""
     folders = {Path(place) for place in sys.path if Path(place).name in LIBRARIES}
-    return sorted(path.name for folder in folders for path in folder.glob("*-info"))
+    each = (path for folder in folders for path in folder.glob("*-info"))
+    return sorted((path.name, sha256(content_of(path / "RECORD")).hexdigest()) for path in each)
 
 
 @cache

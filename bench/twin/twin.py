@@ -235,7 +235,7 @@ def _provenance(sequence: Sequence, spec: SequenceSpec, tracing: Tracing, blende
         "renderer": f"Blender {blender.version}, Cycles on the CPU",
         "samples": tracing.samples,
         "scene": content_hash(spec),
-        "code": code_hash("trajectories", "scenes", "bench/twin"),
+        "code": code_hash("trajectories", "scenes", "bench/closed_loop", "bench/twin"),
     }
 
 

@@ -1,14 +1,20 @@
 """What is in the key of a result: everything whose change may change it."""
 
+import base64
+import hashlib
 import importlib
 import itertools
 import os
+import subprocess
+import sys
 
 import pytest
 
-from uavbench.bench.config.suite import load_tracker
+from tests.bench.small_suites import OWN_IMAGES, own_images
+from uavbench.bench.config.suite import load_suite, load_tracker
 from uavbench.bench.external.program import External
-from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.inputs import plugin_files
+from uavbench.bench.inputs.content_hash import content_hash, contents
 from uavbench.scenes.model_files.mesh_file import MeshFile
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.trajectories.errors import UserError
@@ -137,7 +143,6 @@ def test_an_installed_plugin_and_what_it_imports_count_by_version_and_content(fo
         for file in files:
             write(folder / file, PLUGIN.format(imports=f"import {other}") if file.endswith("__init__.py") else "1")
     monkeypatch.setattr("uavbench.trajectories.source_files.INSTALLED", (folder,))
-    from uavbench.bench.inputs import plugin_files
     from uavbench.trajectories.source_files import editable
 
     plugin_files._distributions.cache_clear()
@@ -378,3 +383,150 @@ def test_what_was_written_and_nothing_names_is_not_in_the_key(folder):
     for place in ("out/suite.json", "out/results/a/score.json", "data/more.csv", "run.log"):
         write(folder / place, "{}")
     assert content_hash(mine) == before
+
+
+GIVEN = {
+    "a setting": ("net.toml", "weights.bin"),
+    "its materials": ("model.obj", "model.mtl"),
+    "its texture": ("model.obj", "brick.png"),
+    "of a long model": ("long.obj", "model.mtl"),
+}
+
+
+@pytest.mark.parametrize("key", ["net_file", "input_files"])
+@pytest.mark.parametrize("what", GIVEN)
+def test_what_a_file_that_a_plugin_is_given_names_enters(folder, key, what):
+    name = next(names)
+    given, edited = GIVEN[what]
+    field = '    net_file: str = ""\n    def start'
+    write(folder / f"{name}.py", PLUGIN.format(imports="").replace("    def start", field))
+    write(folder / "net.toml", 'weights = "weights.bin"\n')
+    write(folder / "model.obj", "mtllib model.mtl\n")
+    write(folder / "long.obj", "mtllib model.mtl\n" + "v 0 0 0\n" * (1 << 18))
+    write(folder / "model.mtl", "newmtl a\nmap_Kd brick.png\n")
+    for data in ("weights.bin", "brick.png"):
+        write(folder / data, "1")
+    more = f'net_file = "{given}"\n' if key == "net_file" else f'input_files = ["{given}"]\n'
+    mine = tracker(folder, name, more)
+    before = content_hash(mine)
+    write(folder / edited, (folder / edited).read_text() + "#\n")
+    assert content_hash(mine) != before
+
+
+def test_what_the_model_of_a_users_structure_names_is_another_flight(folder):
+    name = next(names)
+    write(folder / f"{name}.py", STRUCTURE)
+    write(folder / "a.obj", "mtllib a.mtl\n")
+    write(folder / "a.mtl", "newmtl a\n")
+    mine = importlib.import_module(name).Own(model_file=str(folder / "a.obj"))
+    before = contents(mine)
+    write(folder / "a.mtl", "newmtl b\n")
+    assert [form[0] for form in before] == ["a.obj", "a.mtl"]
+    assert contents(mine) != before
+
+
+STRUCTURE = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Own:
+    model_file: str = ""
+    def build(self, rng): ...
+"""
+
+
+def test_a_name_is_looked_up_where_the_process_runs(folder, monkeypatch):
+    name = next(names)
+    write(folder / "code" / "deep" / f"{name}.py", PLUGIN.format(imports="NET = open('nets/net.bin')"))
+    write(folder / "nets" / "net.bin", "1")
+    monkeypatch.syspath_prepend(folder / "code" / "deep")
+    monkeypatch.chdir(folder)
+    mine = tracker(folder, name)
+    before = content_hash(mine)
+    write(folder / "nets" / "net.bin", "2")
+    assert content_hash(mine) != before
+
+
+def test_data_beside_the_file_that_a_link_leads_to_enter(folder, tmp_path_factory):
+    name, away = next(names), tmp_path_factory.mktemp("away")
+    write(
+        away / "mine.py",
+        PLUGIN.format(imports="from pathlib import Path\nD = Path(__file__).resolve().parent / 'd.bin'"),
+    )
+    write(away / "d.bin", "1")
+    (folder / f"{name}.py").symlink_to(away / "mine.py")
+    mine = tracker(folder, name)
+    before = content_hash(mine)
+    write(away / "d.bin", "2")
+    assert content_hash(mine) != before
+
+
+def test_a_script_that_is_a_link_imports_beside_its_file(tmp_path):
+    write(tmp_path / "away" / "run.py", "import helper\n")
+    write(tmp_path / "away" / "helper.py", "A = 1\n")
+    (tmp_path / "run.py").symlink_to(tmp_path / "away" / "run.py")
+    program = External(command=("python3", str(tmp_path / "run.py")))
+    before = content_hash(program)
+    write(tmp_path / "away" / "helper.py", "A = 2\n")
+    assert content_hash(program) != before
+
+
+def installed(folder, dist, version="1.0", needs="", code="A = 1\n"):
+    """A distribution of one module, as an installer leaves it."""
+    write(folder / f"{dist}.py", code)
+    write(folder / f"{dist}-1.0.dist-info" / "METADATA", f"Name: {dist}\nVersion: {version}\n{needs}")
+    digest = base64.urlsafe_b64encode(hashlib.sha256(code.encode()).digest()).decode().rstrip("=")
+    files = f"{dist}.py,sha256={digest},{len(code)}\n{dist}-1.0.dist-info/RECORD,,\n"
+    write(folder / f"{dist}-1.0.dist-info" / "RECORD", files)
+
+
+def test_a_distribution_is_its_files_and_what_it_requires(folder, monkeypatch):
+    name, library, below, test = (next(names) for _ in range(4))
+    site = folder / "site-packages"
+    write(folder / f"{name}.py", PLUGIN.format(imports=f"import {library}"))
+    needs = f"Requires-Dist: {below} (>=1.0)\nRequires-Dist: {test}; extra == 'test'\nRequires-Dist: no-such-thing\n"
+    installed(site, library, needs=needs)
+    installed(site, below)
+    installed(site, test)
+    monkeypatch.syspath_prepend(site)
+    plugin_files._distributions.cache_clear()
+    mine = tracker(folder, name)
+    hashes = [content_hash(mine)]
+    installed(site, test, version="2.0")  # of an extra
+    assert content_hash(mine) == hashes[0]
+    installed(site, library, needs=needs)  # once more
+    assert content_hash(mine) == hashes[0]
+    installed(site, library, needs=needs, code="A = 2\n")  # of the same version
+    hashes.append(content_hash(mine))
+    installed(site, below, version="2.0")
+    hashes.append(content_hash(mine))
+    write(site / f"{below}.py", "A = 3 # edited in place\n")
+    hashes.append(content_hash(mine))
+    assert len(set(hashes)) == 4
+    plugin_files._distributions.cache_clear()
+
+
+def test_a_folder_that_is_named_is_not_in_the_key_by_its_place(tmp_path):
+    keys = []
+    for place in ("here", "there"):
+        own_images(write(tmp_path / place / "a.txt").parent)
+        (tmp_path / place / "own.toml").write_text(OWN_IMAGES)
+        keys.append(content_hash(*load_suite(tmp_path / place / "own.toml").sequences))
+    assert len({*keys}) == 1
+
+
+def test_python_runs_the_source_and_no_code_compiled_of_another_of_its_size_and_time(folder):
+    name = next(names)
+    for gain in ("1.0", "2.0"):
+        source = write(folder / f"variant_{gain}.py", PLUGIN.format(imports="").replace("1.0", gain))
+        os.utime(source, (1e9, 1e9))
+    link, seen = folder / f"{name}.py", []
+    for gain in ("1.0", "2.0"):
+        link.unlink(missing_ok=True)
+        link.symlink_to(folder / f"variant_{gain}.py")
+        code = f"from uavbench.bench.config.plugin_models import import_plugin as i; print(i('{name}:Mine')().gain)"
+        environment = {**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        subprocess.run([sys.executable, "-c", f"import {name}"], env=environment, check=True) if gain == "1.0" else None
+        seen.append(subprocess.check_output([sys.executable, "-c", code], env=environment, text=True).strip())
+    assert seen == ["1.0", "2.0"]

@@ -161,6 +161,19 @@ def test_files_of_trackers_and_where_a_suite_lies_are_not_of_its_flights(suites,
     assert load_suite(moved / f"{suite}.toml").flights == before
 
 
+@pytest.mark.parametrize(
+    ("written", "same"),
+    [("camera.horizontal_fov_deg = 65.0", True), ("camera.horizontal_fov_deg = 66", False),
+     ("camera = { horizontal_fov_deg = 6.5e1 }", True)],
+)  # fmt: skip
+def test_a_number_written_in_another_way_makes_no_other_flights(suites, written, same):
+    flights = []
+    for text in ("camera.horizontal_fov_deg = 65", written):
+        (suites / "rendered.toml").write_text(RENDERED + f"sequences.mine.{text}\n")
+        flights.append(load_suite(suites / "rendered.toml").flights)
+    assert (flights[0] == flights[1]) is same
+
+
 def test_no_baseline_is_made_of_a_run_that_is_missing_or_crashed(tmp_path):
     scores = drawn(np.random.default_rng(0))
     folder = write(tmp_path / "base", [make_score("s0", 0, 0.01, status="crashed", errors=("boom",)), *scores[1:]])

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -16,9 +17,11 @@ from click.testing import CliRunner
 from tests.bench.process_trees import wait_until, with_mark
 from tests.hand_made import hand_made
 from uavbench.bench.cli.main import main
+from uavbench.bench.closed_loop.eye import eye
 from uavbench.bench.config.suite import recorded_spec, suite_of
 from uavbench.bench.third_party.visp import Visp
 from uavbench.bench.trial.check import TRIAL
+from uavbench.bench.twin import twin as twins
 from uavbench.bench.twin.blender import find_blender
 from uavbench.bench.twin.path_tracer import TracedScene
 from uavbench.bench.twin.ranking import table
@@ -573,3 +576,13 @@ def test_a_twin_of_a_sequence_that_is_written_meanwhile_is_not_kept(black, seque
     assert not (tmp_path / "t").exists()
     script.write_text(BLACK)
     assert twin(given, "--every", 4, "--out", tmp_path / "t").exit_code == 0
+
+
+def test_all_code_that_a_twin_is_rendered_with_is_in_its_key(monkeypatch):
+    asked = []
+    monkeypatch.setattr(twins, "code_hash", lambda *packages: asked.extend(packages))
+    monkeypatch.setattr(twins, "content_hash", lambda *parts: "")
+    told = SimpleNamespace(name="a", content_hash="b", images_hash="c", version="4.5")
+    twins._provenance(told, None, twins.Tracing(), told)
+    assert eye.__module__.split(".")[1:3] == ["bench", "closed_loop"]  # which exposes the frames
+    assert {"trajectories", "scenes", "bench/twin", "bench/closed_loop"} <= {*asked}
