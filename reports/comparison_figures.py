@@ -9,7 +9,7 @@ from uavbench.reports.figures import ranking
 from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.report_figures import Drawing
 from uavbench.reports.restarts import RestartedRun, error_after_anchors
-from uavbench.reports.scoring.attributes import breakdowns
+from uavbench.reports.scoring.attributes import breakdowns, frames_looked_at
 from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound
 from uavbench.reports.scoring.repeated_seeds import counted
 from uavbench.reports.scoring.runs import ScoredRun
@@ -41,7 +41,7 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
                 f"Median time of a frame with a line to the 95th percentile{slower}.",
                 partial(figures_compare.accuracy_against_latency, runs)),
         Drawing("attributes", f"Success by attribute, {fastest_hz:g} Hz",
-                "Success by quartile of each attribute that is known from the renderer.",
+                f"Success by quartile of each attribute that is known from the renderer{_share_looked_at(fast)}.",
                 lambda stem: figures_statistics.by_attribute(breakdowns(fast), colours, stem), late=True),
     ]  # fmt: skip
     for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
@@ -51,6 +51,14 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
         caption = "Squared error over the claimed covariance; above the band the tracker is overconfident."
         made.append(Drawing("nees", "NEES", caption, partial(figures_statistics.nees_over_time, runs)))
     return made
+
+
+def _share_looked_at(runs: ListOf[ScoredRun]) -> str:
+    """How many frames of each tracker a breakdown looks at, "" for all of them."""
+    looked_at = frames_looked_at(runs)
+    of_one = [run for run in runs if run.name == runs[0].name]
+    some, every = sum(len(looked_at[id(run)]) for run in of_one), sum(len(run.errors.frames) for run in of_one)
+    return f", of {some} of {every} frames, evenly spaced" if some < every else ""
 
 
 def fastest(runs: ListOf[ScoredRun]) -> list[ScoredRun]:

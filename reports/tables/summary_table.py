@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 WON_BY_ALL = ("coverage", "within 5 cm, 5 deg", "AUC 10 cm")
+MEAN = "_mean_"
+"""Part of the keys of errors that are means over frames."""
 MOST_NAMED = 3
 """Most sequences that a note names."""
 KEEPS_UP = 0.9
@@ -105,7 +107,7 @@ def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> 
                 _mark_best({run: cells[run] for run in rivals}, of_column, k, column, fit_here)
     order = sorted(groups, key=lambda run: (-rates[run], success[run]))
     rows = tuple((run, tuple(cells[run])) for run in order)
-    return Table(_caption(groups, rows), columns, rows)
+    return Table(_caption(groups, columns, rows), columns, rows)
 
 
 def noted(table: Table, note: str) -> Table:
@@ -128,7 +130,9 @@ def runs_of(frame: "DataFrame") -> dict[str, "DataFrame"]:
     return {str(name): rows for name, rows in frame.assign(run=names).groupby("run", sort=False)}
 
 
-def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Cell, ...]]]) -> str:
+def _caption(
+    groups: Mapping[str, "DataFrame"], columns: tuple[Column, ...], rows: ListOf[tuple[str, tuple[Cell, ...]]]
+) -> str:
     """Caption: failures, how the numbers are computed, intervals, and tests."""
     text = ""
     for run, group in groups.items():
@@ -137,8 +141,10 @@ def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Ce
             first = bad.iloc[0]
             why = f", first {first['sequence']}: {first['error']}" if first["error"] else ""
             text += f"FAILED: {run} {first['status']} in {len(bad)} of {len(group)} runs{why}. "
+    averaged = [column.head for column in columns if MEAN in column.key]
+    but = f" ({', '.join(averaged)}: means)" if averaged else ""
     text += (
-        "Errors are RMSE over the frames that have a pose: read them with coverage. "
+        f"Errors are RMSE{but} over the frames that have a pose: read them with coverage. "
         "The time to first failure of a run without one is its duration. "
     )
     n = max(len(group) for group in groups.values())

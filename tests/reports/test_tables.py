@@ -275,3 +275,12 @@ def test_the_tables_fit_the_columns_of_ieee(tmp_path: Path) -> None:
     one = [float(width) for name, _, width in measured if name == "summary_one_column"]
     assert len(one) == 1 and len([name for name, _, _ in measured if name == "summary"]) == 1
     assert len(ONE_COLUMN) < len(TWO_COLUMNS) < len(COLUMNS)
+
+
+def test_a_caption_says_which_errors_are_means() -> None:
+    scores = [run("a", 1.0), run("b", 2.0)]
+    told = "over the frames that have a pose"
+    assert f"RMSE (edges: means) {told}" in summary_table(scores).caption
+    assert f"RMSE (ADD, MSSD, MSPD: means) {told}" in summary_table(scores, DETAILS).caption
+    of_poses = tuple(column for column in COLUMNS if column.head in TWO_COLUMNS)
+    assert f"RMSE {told}" in summary_table(scores, of_poses).caption

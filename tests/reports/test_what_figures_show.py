@@ -17,6 +17,8 @@ from uavbench.reports.comparison_figures import compare
 from uavbench.reports.figures.distributions import draw_error_over_bound
 from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.figures.ranking import draw_critical_difference
+from uavbench.reports.scoring import attributes
+from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.runs import open_runs
 from uavbench.reports.statistics.bootstrap import Ranks
 from uavbench.reports.style import house_style, new_figure
@@ -68,6 +70,18 @@ def test_captions_tell_of_lower_rates_where_there_are_some(entries):
     fast = [run for run in runs if run.score.rate_hz == 15]
     told = ["lower rates" in json.dumps([d.caption for d in compare(some)]) for some in (runs, fast)]
     assert told == [True, False]
+
+
+@pytest.mark.parametrize("most", [1, 200])
+def test_a_breakdown_of_some_frames_says_of_how_many(entries, monkeypatch, most):
+    monkeypatch.setattr(attributes, "MAX_FRAMES", most)
+    runs = open_runs(entries)
+    caption = next(drawing.caption for drawing in compare(runs) if drawing.name == "attributes")
+    fast = [run for run in runs if run.score.rate_hz == 15]
+    every = sum(len(run.errors.frames) for run in fast if run.name == fast[0].name)
+    parts = breakdowns(fast)["speed"][fast[0].name]
+    told = f", of {sum(part.frames for part in parts)} of {every} frames, evenly spaced" if most == 1 else ""
+    assert caption == f"Success by quartile of each attribute that is known from the renderer{told}."
 
 
 def test_a_long_legend_makes_the_figure_higher_and_leaves_its_panel_room(tmp_path):
