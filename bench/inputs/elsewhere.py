@@ -35,8 +35,8 @@ def linked_with(path: Path) -> tuple[Path, ...]:
 
 
 def whole_paths(text: str) -> Iterator[Path]:
-    """User files that a text names by their whole paths."""
-    words = map(Path, WORD.findall(text))
+    """User files that a text names by their whole paths, or from the user's home."""
+    words = (Path(os.path.expanduser(word)) for word in (text, *WORD.findall(text)))  # noqa: PTH111, raises nothing
     return (path for path in words if path.is_absolute() and is_file(path) and not of_system(path))
 
 

@@ -2,17 +2,19 @@
 
 A name is looked up in the folder of the source, in the parent folder, and in folders there that the source also names,
 so that both `HERE / "data" / "weights.npy"` and `"data/weights.npy"` are found; a source that is a link has the folders
-of the link and of the file. Scripts in languages other than Python may also name files by whole paths and programs on
-PATH; a program also names the libraries that it is linked with, and a model its materials, textures and buffers.
+of the link and of the file. A whole path is that of a file of the user. Scripts in languages other than Python may
+also name programs on PATH; a program also names the libraries that it is linked with, and a model its materials,
+textures and buffers.
 """
 
+import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
-from uavbench.bench.inputs.elsewhere import linked_with, named_anywhere
+from uavbench.bench.inputs.elsewhere import linked_with, named_anywhere, whole_paths
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.trajectories.source_files import Find, among, is_ours, made_of, source_file, stamp, texts
@@ -30,15 +32,12 @@ PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")
 MODULES = (".py", "/__init__.py", "/__main__.py")
 
 
-def named_files(sources: Iterable[Path], find: Find = source_file, places: Sequence[Path] = ()) -> set[Path]:
-    """Files that the user's sources name, and those that they name and import in turn.
-
-    find: locates modules; places: further folders in which names are looked up.
-    """
+def named_files(sources: Iterable[Path], find: Find = source_file) -> set[Path]:
+    """Files that the user's sources name, and those that they name and import in turn; find: locates modules."""
     known = set(sources)
     waiting = [*known]
     while waiting:
-        new = set(_named_by(waiting.pop(), places)) - known
+        new = set(map(_without_detours, _named_by(waiting.pop()))) - known
         scripts = [path for path in new if is_python(path)]
         here = among(folders_of(*scripts))
         new |= made_of((), scripts, lambda name, here=here: here(name) or find(name)).files - known  # type: ignore[misc]
@@ -64,15 +63,32 @@ def folders_of(*files: Path) -> list[Path]:
     return list(dict.fromkeys(path.parent for file in files for path in (file, file.resolve())))
 
 
-def _named_by(source: Path, places: Sequence[Path]) -> Iterator[Path]:
+def named_from(folder: Path, sources: Iterable[Path]) -> set[Path]:
+    """Files in a folder, or in a folder there, that the user's Python sources name with their endings."""
+    words: set[str] = set()
+    for source in sources:
+        words |= _words(source, stamp(source)) if is_python(source) and not is_ours(source) else frozenset()
+    inside = [folder / name for name in sorted(words & _names_in(folder)) if (folder / name).is_dir()]
+    named = [word for word in words if Path(word).suffix]
+    return {path for place in (folder, *inside[:MOST_FOLDERS]) for word in named if is_file(path := place / word)}
+
+
+def _without_detours(path: Path) -> Path:
+    """The path without `a/..`, unless that is another file because `a` is a link; else paths of circles would grow."""
+    short = Path(os.path.normpath(path))
+    return short if short == path or (is_file(short) and short.samefile(path)) else path.resolve()
+
+
+def _named_by(source: Path) -> Iterator[Path]:
     """Files that one source names."""
     words = frozenset() if is_ours(source) else _words(source, stamp(source))
-    if not is_python(source):
+    if is_python(source):
+        yield from (path for text in (() if is_ours(source) else texts(source)) for path in whole_paths(text))
+    else:
         yield from named_anywhere(_text(source))
         yield from linked_with(source)
         yield from parts_of(source)
-    near = [path for folder in folders_of(source) for path in (folder, folder.parent)]
-    folders = list(dict.fromkeys([*near, *places]))
+    folders = list(dict.fromkeys(path for folder in folders_of(source) for path in (folder, folder.parent)))
     for folder in folders:  # grows within the loop
         there = _names_in(folder)
         for word in words:

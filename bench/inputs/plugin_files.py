@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.bench.inputs.library_builds import ANY_FILE, recorded
-from uavbench.bench.inputs.named_files import is_python, named_files
+from uavbench.bench.inputs.named_files import is_python, named_files, named_from
 from uavbench.trajectories.source_files import MadeOf, digest, is_ours, made_of, source_file, texts
 
 loaded: dict[str, frozenset[str]] = {}
@@ -55,8 +55,9 @@ def plugins_made_of(modules: Iterable[str], plugins: Iterable[str]) -> MadeOf:
 
 
 def named_by_plugin(files: Iterable[Path]) -> set[Path]:
-    """Files of a user's plug-in, and those that they name, from the folder in which the process runs, too."""
-    return named_files(files, places=[Path.cwd()])
+    """Files of a user's plug-in, and those that they name, also from the folder in which the process runs."""
+    found = named_files(files)
+    return found | named_from(Path.cwd(), found)
 
 
 def bench_key(cls: type) -> str:

@@ -447,6 +447,20 @@ def test_a_name_is_looked_up_where_the_process_runs(folder, monkeypatch):
     assert content_hash(mine) != before
 
 
+@pytest.mark.parametrize("text", ["{far}/net.bin", "~/far/net.bin", "solve --net={far}/net.bin", "{far}/my net.bin"])
+def test_a_file_that_is_named_by_its_whole_path_enters(folder, tmp_path_factory, monkeypatch, text):
+    name, home = next(names), tmp_path_factory.mktemp("home")
+    monkeypatch.setenv("HOME", str(home))
+    for file in ("net.bin", "my net.bin"):
+        write(home / "far" / file, "1")
+    write(folder / f"{name}.py", PLUGIN.format(imports=f"NET = '{text.format(far=home / 'far')}'"))
+    mine = tracker(folder, name)
+    before = content_hash(mine)
+    for file in ("net.bin", "my net.bin"):
+        write(home / "far" / file, "2")
+    assert content_hash(mine) != before
+
+
 def test_data_beside_the_file_that_a_link_leads_to_enter(folder, tmp_path_factory):
     name, away = next(names), tmp_path_factory.mktemp("away")
     write(

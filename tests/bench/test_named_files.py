@@ -185,3 +185,8 @@ def test_a_folder_that_is_named_whole_is_its_files_but_hidden_and_compiled_ones(
     assert list(files_of(tmp_path / "x", whole=True)) == [tmp_path / "x/a/c.bin", tmp_path / "x/b.bin"]
     assert list(files_of(tmp_path / "x", whole=False)) == [tmp_path / "x"]
     assert list(files_of(tmp_path / "x" / "b.bin", whole=True)) == [tmp_path / "x" / "b.bin"]
+
+
+def test_files_that_name_each_other_by_their_folder_are_found_once(tmp_path):
+    write(tmp_path / "lib" / "b.txt", "../lib/a.txt")
+    assert named_by(tmp_path / "lib" / "a.txt", "../lib/b.txt") == {"b.txt"}
