@@ -127,3 +127,9 @@ def _same_sequence(sequence: Sequence, results: Results) -> None:
 
 def _who(results: Results) -> str:
     return f"{results.record.get('tracker', {}).get('kind', 'a tracker')} at {results.record.get('rate_hz', '?')} Hz"
+
+
+def ended_s(seconds: Array) -> float:
+    """Time at which a run with frames at these times (n,) ends: a period, their median one, after the last."""
+    period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    return float(seconds[-1]) + period

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from uavbench.reports.metrics.ape import absolute_errors
 from uavbench.reports.metrics.association import NS, PosePairs
-from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M, estimated_bodies, frame_errors
+from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M, ended_s, estimated_bodies, frame_errors
 from uavbench.reports.metrics.quaternions import normalized
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.scenes.dataset.body import Feed
@@ -58,8 +58,8 @@ class Restarted:
 
     @property
     def failures_per_minute(self) -> float:
-        """Failed frames that led to a reset, per minute."""
-        minutes = float(self.results.stamps_ns[-1] - self.results.stamps_ns[0]) / NS / 60
+        """Failed frames that led to a reset, per minute of the run's duration, as of a free run."""
+        minutes = ended_s((self.results.stamps_ns - self.results.stamps_ns[0]) / NS) / 60
         return float(self.failed.sum()) / minutes if minutes > 0 else float(self.failed.sum())
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.reports.metrics.frame_errors import FrameErrors
+from uavbench.reports.metrics.frame_errors import FrameErrors, ended_s
 from uavbench.trajectories.pose import Array
 
 AUC_LIMIT_M = 0.10
@@ -41,10 +41,9 @@ class Tracking:
 def tracking(errors: FrameErrors) -> Tracking:
     """Tracking measures of a run."""
     success, seconds = errors.success, errors.seconds
-    period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
     begins, ends = failures(success)
     ended = ends < len(success)
-    until = np.append(seconds, seconds[-1] + period)
+    until = np.append(seconds, ended_s(seconds))
     lasted = until[ends] - seconds[begins]
     duration_s = float(until[-1] - seconds[0])
     return Tracking(

@@ -50,7 +50,7 @@ def test_a_reset_follows_every_failure(sequence: Sequence) -> None:
     assert run.given[0] and not run.failed[0]
     assert (run.given[1:] == run.failed[:-1]).all()
     assert not run.counted[run.given].any()
-    minutes = (len(sequence) - 1) / RATE_HZ / 60
+    minutes = len(sequence) / RATE_HZ / 60  # as in `tracking`
     assert run.failures_per_minute == pytest.approx(run.failed.sum() / minutes, rel=1e-6)
     found = accuracy(run, sequence)
     assert found is not None and found.n == (run.counted & run.results.ok).sum()
