@@ -4,6 +4,7 @@ DIR/sequences, DIR/results      as for every suite, so that an interrupted study
 DIR/sensitivity.md, .csv        the table of the latest study, listed in sensitivity.json; none while runs are missing
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -46,8 +47,9 @@ class Variant:
 
     @property
     def label(self) -> str:
-        """Name of its runs."""
-        return f"{self.value.path}-x{self.factor:g}".replace("_", "-").lower()
+        """Name of its runs; `+` marks a capital, since `K` and `k` are two values."""
+        path = re.sub("[A-Z]", lambda capital: f"+{capital[0].lower()}", self.value.path)
+        return f"{path}-x{self.factor:g}".replace("_", "-")
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.graph import Job, Outcome
-from uavbench.bench.sensitivity.study import Change, of_no_variant
-from uavbench.bench.sensitivity.variants import changed, values_of
+from uavbench.bench.sensitivity.study import Change, Variant, of_no_variant
+from uavbench.bench.sensitivity.variants import Value, changed, values_of
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.errors import UserError
 
@@ -185,3 +185,8 @@ def test_what_is_not_there_cannot_be_studied(tmp_path, options, told):
     result = CliRunner().invoke(main, ["sensitivity", str(suite), "--out", str(tmp_path / "out"), *options])
     assert result.exit_code == 2
     assert told in result.output + (result.stderr if result.stderr_bytes else "")
+
+
+def test_values_that_differ_in_capitals_alone_have_runs_of_their_own():
+    labels = [Variant(Value(path, 1.0, ()), 2.0, 2.0).label for path in ("k", "K", "a_b", "aB", "a.b_c")]
+    assert labels == ["k-x2", "+k-x2", "a-b-x2", "a+b-x2", "a.b-c-x2"]
