@@ -86,7 +86,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     errors += _same_flights([spec for spec in sequences if spec is not None and spec.seed == checked.seeds[0]])
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
-    read = checked.model_dump(exclude_unset=True)
+    read = checked.model_dump(exclude_unset=True, warnings=False)
     given = {key: _as_read(data[key], read.get(key)) for key in FLOWN if key in data}
     more = [given.get("loop"), given.get("loops")] if loops else []
     if files := contents([spec for spec in sequences if spec.seed == checked.seeds[0]]):
