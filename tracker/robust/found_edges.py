@@ -14,7 +14,7 @@ LEAST_EXPECTED = 2 * MIN_POINTS
 MOST_MISSING = 0.3
 """Share of the expected control points that the fit of a track may lack where patches do not vouch for it.
 
-Measured on 20 flights at 15 and 5 Hz: up to 0.32 in 999 of 1,000 frames at the right pose, 0.38 to 0.46 where a pose
+Measured on 20 flights at 15 and 5 Hz: up to 0.32 in 999 of 1,000 frames at the right pose, 0.40 to 0.47 where a pose
 slid to other lines. With 0.2 a building behind trees has a pose in 23 of 527 frames less, with 0.3 in 5.
 """
 
