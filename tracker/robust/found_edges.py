@@ -3,12 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.fit.learning import MIN_POINTS
 from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array
 
+Indices = NDArray[np.int64]
 LEAST_EXPECTED = 2 * MIN_POINTS
 """Expected control points of which it is asked whether they are found: of fewer, an edge or two are most."""
 MOST_MISSING = 0.3
@@ -24,6 +27,39 @@ class Counts(NamedTuple):
 
     points: Array
     found: Array
+
+
+@compiled("i2! f1! i0", inner=True)
+def counts(keys: Indices, weight: Array, edges: int) -> Counts:
+    """What a fit with control points of keys (n, 3), those with weight (n,) found, shows of a structure's edges."""
+    points, found = np.zeros(edges), np.zeros(edges)
+    for p in range(len(weight)):
+        points[keys[p, EDGE]] += 1.0
+        if weight[p] > 0.0:
+            found[keys[p, EDGE]] += 1.0
+    return Counts(points, found)
+
+
+@compiled("i2! f1! f1!")
+def missing_share(keys: Indices, weight: Array, part: Array) -> float:
+    """Share of the points expected by the part (e,) of each edge that was not found; 0 where few are expected."""
+    points, found = counts(keys, weight, len(part))
+    expected, left = 0.0, 0.0
+    for e in range(len(part)):
+        if points[e] > 0.0 and np.isfinite(part[e]):
+            expected += points[e] * part[e]
+            left += max(points[e] * part[e] - found[e], 0.0)
+    return left / expected if expected >= LEAST_EXPECTED else 0.0
+
+
+@compiled("i2! f1! f1! f0")
+def learn_parts(keys: Indices, weight: Array, part: Array, rate: float) -> None:
+    """Update the part (e,) of each edge, in place, with what was found of it: a running mean."""
+    points, found = counts(keys, weight, len(part))
+    for e in range(len(part)):
+        if points[e] > 0.0:
+            now = found[e] / points[e]
+            part[e] = now if np.isnan(part[e]) else part[e] + rate * (now - part[e])
 
 
 class FoundEdges:
@@ -43,25 +79,14 @@ class FoundEdges:
 
     def missing(self, fit: Fit) -> float:
         """Share of the expected control points that a fit did not find; 0 where few are expected, or it has none."""
-        points, found = counts(fit, len(self.part))
-        known = (points > 0) & np.isfinite(self.part)
-        expected = points[known] * self.part[known]
-        if expected.sum() < LEAST_EXPECTED:
+        if fit.searched is None:
             return 0.0
-        return float(np.maximum(expected - found[known], 0.0).sum() / expected.sum())
+        found = fit.searched.found
+        return unchecked(missing_share)(found.measured.points.keys, found.estimate.weighting.weight, self.part)
 
     def learn(self, fit: Fit) -> None:
         """Expect what an accepted fit found."""
-        points, found = counts(fit, len(self.part))
-        seen = points > 0
-        part, before = found[seen] / points[seen], self.part[seen]
-        self.part[seen] = np.where(np.isnan(before), part, before + self.rate * (part - before))
-
-
-def counts(fit: Fit, edges: int) -> Counts:
-    """What a fit found of a structure of so many edges."""
-    if fit.searched is None:
-        return Counts(np.zeros(edges), np.zeros(edges))
-    edge = fit.searched.problem.points.keys[:, EDGE]
-    found = edge[fit.searched.found.estimate.weighting.weight > 0.0]
-    return Counts(*(np.bincount(each, minlength=edges).astype(float) for each in (edge, found)))
+        if fit.searched is None:
+            return
+        found = fit.searched.found
+        unchecked(learn_parts)(found.measured.points.keys, found.estimate.weighting.weight, self.part, self.rate)

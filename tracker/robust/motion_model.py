@@ -1,11 +1,13 @@
 """Prediction: the pose at the next frame with its covariance, by first-order Gauss-Markov motion."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from uavbench.tracker.geometry_kernels import se3_exp_left, se3_log_left, squared_mahalanobis
 from uavbench.tracker.robust.config.robust import MotionConfig
+from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array, Pose
 
 FAR_CHI2 = 12.6
@@ -14,6 +16,25 @@ THOUSANDTH = 3.09
 """99.9 % quantile of the standard normal distribution."""
 TRANSLATION, ROTATION = slice(0, 21, 7), slice(21, 36, 7)
 """Indices of the variances of translation and rotation in a flat covariance (36,)."""
+NO_VELOCITY = np.zeros(6)
+
+
+class Moved(NamedTuple):
+    """A pose (R, t) with its covariance (6, 6)."""
+
+    R: Array
+    t: Array
+    covariance: Array
+
+
+@compiled("f2 f1 f1 f2 f0 f0")
+def moved(R: Array, t: Array, xi: Array, covariance: Array, sigma_m: float, sigma_rad: float) -> Moved:
+    """exp(xi) @ (R, t), and the covariance (6, 6) with that of the motion on each axis added."""
+    pose, grown = se3_exp_left(R, t, xi), covariance.copy()
+    for i in range(3):
+        grown[i, i] += sigma_m**2
+        grown[i + 3, i + 3] += sigma_rad**2
+    return Moved(pose.R, pose.t, grown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +54,15 @@ class Motion:
 
         The velocity decays with the time constant memory_s.
         """
-        velocity = np.zeros(6) if self.velocity is None else self.velocity
+        velocity = NO_VELOCITY if self.velocity is None else self.velocity
         xi = velocity * config.memory_s * (1 - np.exp(-dt_s / config.memory_s))
-        pose = Pose(*se3_exp_left(self.cam_from_world.rotation, self.cam_from_world.translation, xi))
         rate = config.initial_rate_1_s if self.velocity is None else 0.0
         shift = rate * dt_s + 0.5 * config.acceleration_ranges_s2 * dt_s**2
         turn = rate * dt_s + 0.5 * config.angular_acceleration_rad_s2 * dt_s**2
-        covariance = self.covariance.copy()
-        variances = covariance.reshape(36)
-        variances[TRANSLATION] += (min(shift, config.max_sigma) * range_m) ** 2
-        variances[ROTATION] += min(turn, config.max_sigma) ** 2
-        return Motion(pose, covariance)
+        sigma_m, sigma_rad = min(shift, config.max_sigma) * range_m, min(turn, config.max_sigma)
+        at = self.cam_from_world
+        then = moved(at.rotation, at.translation, xi, self.covariance, sigma_m, sigma_rad)
+        return Motion(Pose(then.R, then.t), then.covariance)
 
     def spread_m(self, range_m: float) -> float:
         """Standard deviation in m of the predicted position of a point at range_m, of translation and rotation."""

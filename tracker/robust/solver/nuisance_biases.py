@@ -18,15 +18,31 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     observability,
     prior_offsets,
 )
-from uavbench.tracker.robust.solver.bias_state import BiasesInView, BiasState, EdgeOffsets, FrameSums
+from uavbench.tracker.robust.solver.bias_state import BIAS_STATE, BiasesInView, BiasState, EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
-from uavbench.trajectories.kernels.compiled import unchecked
+from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
 NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+
+
+@compiled("state f0", state=BIAS_STATE)
+def fade(state: BiasState, part: float) -> None:
+    """Forget a part of what the frames before said, in place."""
+    kept, common = 1.0 - part, len(state.vector)
+    for i in range(common):
+        state.vector[i] *= kept
+        for j in range(common):
+            state.information[i, j] *= kept
+    for e in range(len(state.offset_information)):
+        if state.offset_information[e] > 0.0:  # few of a large structure's edges were seen
+            state.offset_information[e] *= kept
+            state.offset_vector[e] *= kept
+            for i in range(common):
+                state.cross[e, i] *= kept
 
 
 class NuisanceBiases:
@@ -81,9 +97,9 @@ class NuisanceBiases:
         """
         R, t, state = pose.rotation, pose.translation, self.state
         new = min(1.0, dt_s / self.config.correlation_s)
-        for array in (state.information, state.vector, state.cross, state.offset_information, state.offset_vector):
-            array *= 1.0 - self.config.forgotten_part * new
-        part = new * observability(np.ascontiguousarray(sums.edge_information[:6, :6]), sums.patch_information)
+        unchecked(fade)(state, self.config.forgotten_part * new)
+        edges_tell = np.ascontiguousarray(sums.edge_information[:6, :6])
+        part = new * unchecked(observability)(edges_tell, sums.patch_information)
         unchecked(accumulate)(state, edges, sums, to_patches, R, t, part)
         return self.follow(np.zeros(len(state.vector) - 6), pose)
 
