@@ -1,5 +1,7 @@
 """Rivals of a fit: what counts in a comparison of poses at which the structure looks alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.relocalization.ranking import Sought
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
+from uavbench.tracker.robust.work import Work
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
@@ -87,3 +91,23 @@ def test_a_pose_at_which_half_is_found_has_the_true_one_among_its_rivals():
     assert shares[to_truth] > 0.75
     points, along = wrong.searched.problem.points.points, rivals.along(wrong.searched)
     assert rivals.similarity.shares(points, along)[to_truth] < shares[to_truth] - 0.1  # of all points
+
+
+@pytest.mark.parametrize("fits", range(3, 17))
+def test_the_rivals_of_a_better_rival_count_whatever_the_budget(fits):
+    """A search that ends between two boxes finds one beside them; the true pose is then a rival of that."""
+    corners = row(9)
+    fitter = fitter_of(corners)
+    pose = look_at(np.array([0.0, -RANGE_M, 0.35]), (0.03, 0.0, 0.12))
+    image = Scene(corners, seed=2).render(pose, noise_rng=np.random.default_rng(3))
+    fitter.begin(0, 1.0)
+    top = fitter.searched(image, pose, isotropic_covariance(0.005, RANGE_M), StageClock())
+    above = Pose(pose.rotation, pose.translation - pose.rotation @ np.array([0.0, 0.0, 0.02]))
+    poor = replace(top, cam_from_world=above, support=0.3)
+    sought = Sought(image, [pose], isotropic_covariance(0.2, RANGE_M), RANGE_M, poor, thorough=True)
+    rivals, ranking = Relocator(fitter, CAMERA).rivals, Ranking(sought, CONFIG.relocalization)
+    fitter.work = Work(fitter.cost(fits))
+    rivals.fit(sought, ranking, TriedPoses(rivals.searcher))
+    assert ranking.top is not poor
+    away = [(fit.cam_from_world @ pose.inverse()).log() for fit in ranking.fits if fit is not poor]
+    assert np.linalg.norm(away, axis=1).min() < 0.02

@@ -97,7 +97,7 @@ class Rivals:
             ranking.fits += [*(fit for fit in made if fit.finite), *left]
             compared = Compared(compared.any or bool(made or left), tuple(left))
             self.choose(fits, ranking)
-            if ranking.top is top or not self.fitter.has_room_for(1):
+            if ranking.top is top:
                 break
         self.made = len(fits) - 1
         return compared
