@@ -1,8 +1,10 @@
-"""Scored runs without those that only repeat another seed's: see `uavbench.reports.statistics.repeats`."""
+"""Scores without those that only repeat another seed's: see `uavbench.reports.statistics.repeats`."""
 
 from collections.abc import Iterable, Sequence
 
 from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.score import Score
+from uavbench.reports.scoring.seen import seen
 from uavbench.reports.statistics.repeats import Observation, Repeats
 
 
@@ -15,3 +17,8 @@ def counted(runs: Sequence[ScoredRun]) -> list[ScoredRun]:
     """The runs that are observations of their own."""
     repeats = repeats_of(runs)
     return [run for run in runs if repeats.counts(run.score.flight, run.score.seed)]
+
+
+def repeats_among(scores: Iterable[Score]) -> Repeats:
+    """The seeds of each flight that repeat another one, of scores without their runs."""
+    return Repeats.of(Observation(each.run, each.flight, each.seed, seen(each)) for each in scores)

@@ -1,9 +1,11 @@
 """Scores read from the files of a report."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from uavbench.reports.run_folder import REPORTED, refuse_older_report
+from uavbench.reports.scoring.repeated_seeds import repeats_among
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.tables.columns import COLUMNS, DETAILS
@@ -16,10 +18,17 @@ KEY = ("label", "rate_hz", "seed", "sequence")
 
 
 def table_of(folder: Path) -> Table:
-    """The table of a report's folder with all columns; UserError naming a file that is missing or invalid."""
-    table = summary_table(score_frame(score.to_json() for score in read_scores(folder)), (*COLUMNS, *DETAILS))
-    missing = read_json(folder / REPORTED, inside=folder, hint=HINT).get("unrendered", {})
-    return noted(table, not_rendered(missing) if isinstance(missing, dict) else "")
+    """The table of a report's folder with all columns; UserError naming a file that is missing or invalid.
+
+    As in the report, seeds that repeat another one count once, and trackers that are not installed have a row.
+    """
+    scores = read_scores(folder)
+    repeats = repeats_among(scores)
+    frame = score_frame(each.to_json() for each in scores if repeats.counts(each.flight, each.seed))
+    about = read_json(folder / REPORTED, inside=folder, hint=HINT)
+    missing, absent = (each if isinstance(each := about.get(key), dict) else {} for key in ("unrendered", "absent"))
+    table = replace(summary_table(frame, (*COLUMNS, *DETAILS)), absent=tuple(map(str, absent)))
+    return noted(noted(table, str(repeats)), not_rendered(missing))
 
 
 def read_scores(folder: Path) -> list[Score]:

@@ -6,16 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from tests.bench.drawn_scores import drawn, make_score, write
 from tests.bench.small_suites import SMALL
+from uavbench.bench.cli.main import main
 from uavbench.bench.gate.decision import Margins, gate, overall
 from uavbench.bench.gate.findings import to_json, to_junit, to_markdown, to_text
 from uavbench.bench.gate.paired_scores import PairedValues
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.reports.comparison_figures import paired
+from uavbench.reports.report import ReportInputs, write_scores
 from uavbench.reports.run_folder import load_runs
 from uavbench.reports.statistics.repeats import Repeats
+from uavbench.reports.tables.columns import DETAILS
 
 STILL = (
     SMALL.replace("seeds = [0, 1]", "seeds = [1, 2, 3]")
@@ -41,6 +45,26 @@ def test_the_report_counts_them_once_and_says_so(still):
     assert SAME in (still / "index.html").read_text()
     assert len(load_runs(still)) == 6, "none is hidden"
     assert paired(load_runs(still)) == {}, "one observation has no rank"
+
+
+def test_a_table_of_the_report_counts_them_as_the_report_does(still):
+    """Also one with columns of the user's choice, which is made of the report's scores.json."""
+    written = {path: (still / "tables" / path).read_text() for path in ("summary.md", "details.md")}
+    chosen = ",".join(column.head for column in DETAILS)
+    again = CliRunner().invoke(main, ["tables", str(still)]).output
+    assert (
+        CliRunner().invoke(main, ["tables", str(still), "--columns", chosen]).output.splitlines()[:4]
+        == (written["details.md"].splitlines()[:4])
+    )
+    assert SAME in again and "One run each: no interval can be given." in again
+    for line in written["summary.md"].splitlines()[2:4]:
+        assert line.removesuffix(" |") in again
+
+
+def test_a_table_of_the_report_names_the_trackers_that_are_absent(tmp_path):
+    inputs = ReportInputs("A title", [], absent={"visp": "not installed"})
+    write_scores(tmp_path, inputs, [replace(make_score("s0", seed, 0.01), rpe={}) for seed in range(2)])
+    assert "| visp | absent |" in CliRunner().invoke(main, ["tables", str(tmp_path)]).output
 
 
 def test_the_gate_counts_them_once_and_says_so(still, tmp_path):
