@@ -73,7 +73,10 @@ EXTRA = (
 
 ROUND_OFF = 1e-9
 """Fraction of a metric's largest error below which a value counts as round-off."""
-BOLD = f"Bold: best of its column; none where it is of a tracker with less than {KEEPS_UP:.0%} of the best coverage."
+BOLD = (
+    "Bold: best of its column, ties included; none where it is of a tracker with less than "
+    f"{KEEPS_UP:.0%} of the best coverage."
+)
 """Part of the caption of a table with bold cells."""
 
 
@@ -100,11 +103,11 @@ def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
         mean = Column(head=about.name, key=metric, scale=about.scale, unit=about.unit, best="min", decimals=decimals)
         spread = Column(head=f"{about.name} sd", key=metric, unit=about.unit, best="", decimals=mean.decimals)
         columns += [mean, spread]
-        best = _best(many, metric)
+        best = _best(many, mean)
         for name, values in many.values(metric).items():
-            won, known = name == best, Spread.of(about.scale * values)
+            won, known = name in best, Spread.of(about.scale * values)
             rows[name] += [
-                _mean(values, mean, won, won and _stands(name, tested.get(metric, []))),
+                _mean(values, mean, won, [name] == best and _stands(name, tested.get(metric, []))),
                 _plain(known.std if known else None, mean.decimals),
             ]
     for column in EXTRA[1:]:
@@ -147,14 +150,18 @@ def decimals_of(values: Array) -> int:
     return int(np.clip(2 - np.floor(np.log10(known.min())), 2, 6)) if len(known) else 2
 
 
-def _best(many: ManyRuns, metric: str) -> str:
-    """The tracker with the lowest mean; "" for one tracker, when runs lack a value, and when its coverage is low."""
-    means = {name: float(values.mean()) for name, values in many.values(metric).items()}
+def _best(many: ManyRuns, column: Column) -> list[str]:
+    """The trackers that show the lowest mean of a column of errors, ties included.
+
+    None for one tracker, when runs lack a value, and when all of them have a low coverage.
+    """
+    means = {name: column.scale * float(values.mean()) for name, values in many.values(column.key).items()}
     if len(means) < 2 or not np.isfinite(list(means.values())).all():
-        return ""
-    best = min(means, key=lambda name: means[name])
+        return []
+    shown = {name: round(mean, column.decimals) for name, mean in means.items()}
+    best = [name for name in shown if shown[name] == min(shown.values())]
     covered = {name: np.mean([run.coverage for run in group]) for name, group in many.groups.items()}
-    return best if covered[best] >= KEEPS_UP * max(covered.values()) else ""
+    return best if any(covered[name] >= KEEPS_UP * max(covered.values()) for name in best) else []
 
 
 def _stands(name: str, tested: list[Comparison]) -> bool:

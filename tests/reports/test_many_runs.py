@@ -7,6 +7,7 @@ from uavbench.reports.many_runs.comparison import decimals_of
 from uavbench.reports.many_runs.curves import Axis, Band, distance_axis, time_axis
 from uavbench.reports.many_runs.evaluate_many import evaluate_many
 from uavbench.reports.many_runs.groups import Pairing, grouped, pairing
+from uavbench.reports.many_runs.results import ManyResults
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_kitti, write_tum
@@ -193,3 +194,18 @@ def test_a_truth_without_stamps_has_those_of_the_first_estimate_that_has_any(tmp
     assert found.time.edges[-1] == pytest.approx((POSES - 1) / 40)
     for run in found.runs:
         assert np.isfinite(run.over_time["position"]).all() and np.isfinite(run.over_distance["rotation"]).all()
+
+
+def test_trackers_that_show_the_same_best_value_are_all_bold(tmp_path):
+    """Two trackers with the same estimates, and a third whose positions are worse and whose rotations are as good."""
+    write_tum(trajectory(WAY), tmp_path / "truth.tum")
+    for name, seed, size in (("a", 0, 0.01), ("b", 0, 0.01), ("c", 1, 0.05)):
+        (tmp_path / name).mkdir()
+        for run in range(RUNS):
+            noise = np.random.default_rng([seed, run]).normal(0, size, WAY.shape)
+            write_tum(trajectory(WAY + noise), tmp_path / name / f"{run}.tum")
+    runs = grouped([], [f"{name}={tmp_path}/{name}/*.tum" for name in "abc"])
+    table = ManyResults(evaluate_many(tmp_path / "truth.tum", runs)).table.select(["ATE position", "ATE rotation"])
+    assert [[cell.best for cell in cells] for _, cells in table.rows] == [[True, True], [True, True], [False, True]]
+    assert not any(cell.significant for _, cells in table.rows for cell in cells)
+    assert "ties included" in table.caption
