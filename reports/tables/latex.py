@@ -28,7 +28,7 @@ def latex(table: Table, width_pt: float = TWO_COLUMNS_PT) -> str:
     blocks = _blocks(table, width_pt)
     where = "table" if width_pt <= ONE_COLUMN_PT else "table*"
     head = [
-        *(f"% {line}" for line in table.caption.split(". ") if line),
+        *(f"% {' '.join(line.split())}" for line in table.caption.split(". ") if line),
         f"% Needs \\usepackage{{booktabs}}; at most {width_pt:g} pt wide, for {where} of IEEEtran.",
         rf"{{\fontsize{{{TEXT_PT:g}}}{{{1.2 * TEXT_PT:g}}}\selectfont\setlength{{\tabcolsep}}{{{GAP_PT:g}pt}}%",
     ]
@@ -36,8 +36,14 @@ def latex(table: Table, width_pt: float = TWO_COLUMNS_PT) -> str:
 
 
 def tex(text: str) -> str:
-    """Text with LaTeX's special characters escaped."""
-    return "".join(ESCAPES.get(c, c) for c in text)
+    """Text with LaTeX's special characters escaped; neighbouring hyphens, which would become a dash, are parted."""
+    pairs = zip(text, f"{text[1:]} ", strict=True)
+    return "".join(ESCAPES.get(c, c) + "{}" * (c == following == "-") for c, following in pairs)
+
+
+def _row_name(name: str) -> str:
+    r"""A name at the start of a row, where `[` or `*` would be taken as an argument of the row's end before it."""
+    return "{}" * name.startswith(("[", "*")) + tex(name)
 
 
 ESCAPES = {
@@ -98,10 +104,10 @@ def _tabular(table: Table, columns: list[int]) -> str:
             lines.append(r"\midrule")
             rate = now
         shown = [cells[k] for k in columns]
-        lines.append(" & ".join([tex(name), *map(_value, shown)]) + r" \\")
+        lines.append(" & ".join([_row_name(name), *map(_value, shown)]) + r" \\")
         if any(cell.bounds for cell in shown):
             lines.append(" & ".join(["", *(_small(cell.bounds) for cell in shown)]) + r" \\")
-    lines += [rf"{tex(name)} & \multicolumn{{{len(columns)}}}{{c}}{{absent}} \\" for name in table.absent]
+    lines += [rf"{_row_name(name)} & \multicolumn{{{len(columns)}}}{{c}}{{absent}} \\" for name in table.absent]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
 
 

@@ -21,7 +21,7 @@ from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.tables.columns import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Column
 from uavbench.reports.tables.latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
-from uavbench.reports.tables.summary_table import Table
+from uavbench.reports.tables.summary_table import Cell, Table
 from uavbench.reports.tables.summary_table import summary_table as table_of_frame
 from uavbench.reports.tables.writers import heads, markdown, write_summary, write_table, write_tables
 from uavbench.reports.uncertainty.consistency import Consistency
@@ -218,6 +218,24 @@ def test_a_report_that_is_older_than_the_scores_gives_no_table(report: Path, tmp
 def test_a_name_with_every_special_character_is_escaped() -> None:
     text = latex(summary_table([run(r"a_b%c&d#e$f{g}h~i^j\k<l>m", 1.0)]))
     assert r"a\_b\%c\&d\#e\$f\{g\}h\textasciitilde{}i\textasciicircum{}j\textbackslash{}k\textless{}l" in text
+
+
+@pytest.mark.parametrize("name", ["[1] a", "*a", "[", "*"])
+def test_no_name_is_taken_as_an_argument_of_the_row_before(name: str) -> None:
+    r"""`\\` takes a star and brackets that follow it, across the end of the line, and \midrule takes brackets."""
+    column = Column(head="edges", key="edges", unit="", best="", decimals=0)
+    cell = Cell(mean=1.0, interval=None, known=1, runs=1, decimals=0)
+    text = latex(Table("", (column,), (("first", (cell,)), (name, (cell,))), absent=(name,)))
+    assert text.count(f"{{}}{name} &") == 2
+    assert not re.search(r"(\\\\|rule)\s*[\[*]", text)
+
+
+def test_hyphens_stay_hyphens_and_a_caption_stays_a_comment() -> None:
+    cell = Cell(mean=1.0, interval=None, known=1, runs=1, decimals=0)
+    column = Column(head="edges", key="edges", unit="", best="", decimals=0)
+    text = latex(Table("Truth: a\nb.tum, 3 poses. End", (column,), (("a---b-c", (cell,)),)))
+    assert r"a-{}-{}-b-c & 1 \\" in text
+    assert text.startswith("% Truth: a b.tum, 3 poses\n% End\n% Needs")
 
 
 DOCUMENT = r"""\documentclass[journal]{IEEEtran}
