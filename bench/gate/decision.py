@@ -1,13 +1,14 @@
 """The gate's decision: statistical test whether results are worse than a baseline on the same frames.
 
 Errors and latency are compared as ratios: `fail` when the one-sided lower bound of the change, from a paired
-hierarchical bootstrap and corrected over all metrics, lies above the margin; `inconclusive` when there are fewer than
-five seeds that differ, or when the upper bound lies above the required resolution; else `pass`. Each error is compared
-twice: by its mean change, which shows a few broken runs, and by its typical change, in which they have little weight
-and cannot hide a change of all others. Coverage is compared by its absolute mean loss against its own margin, with
-exact permutation tests; so is the success rate of flights in closed loop, in addition to their path and estimate
-errors. Missing or non-finite values fail; what cannot be compared, because one side lacks it entirely, or a run crashes
-on both sides or is too short for the metric, is `inconclusive`: only what was compared can pass.
+hierarchical bootstrap (of one sequence Student's t) and corrected over all metrics, lies above the margin;
+`inconclusive` when there are fewer than five seeds that differ, or when the upper bound lies above the required
+resolution; else `pass`. Each error is compared twice: by its mean change, which shows a few broken runs, and by its
+typical change, in which they have little weight and cannot hide a change of all others. Coverage is compared by its
+absolute mean loss against its own margin, with exact permutation tests; so is the success rate of flights in closed
+loop, in addition to their path and estimate errors. Missing or non-finite values fail; what cannot be compared, because
+one side lacks it entirely, or a run crashes on both sides or is too short for the metric, is `inconclusive`: only what
+was compared can pass.
 """
 
 import math
@@ -34,6 +35,7 @@ from uavbench.bench.gate.paired_scores import (
 from uavbench.bench.gate.repeated_seeds import repeats_of
 from uavbench.reports.statistics.bootstrap import Bootstrap, holm
 from uavbench.reports.statistics.losses import loss_p, smallest_loss_p
+from uavbench.reports.statistics.student import StudentMean
 from uavbench.trajectories.errors import UserError
 
 Verdict = Literal["pass", "fail", "inconclusive"]
@@ -249,7 +251,8 @@ def ratio_finding(
         base_log, head_log = (Bootstrap.of(side).mean for side in values.sides(lambda x: math.log(x + TINY)))
         finding = replace(finding, baseline=math.exp(base_log) - TINY, value=math.exp(head_log) - TINY)
     ratios = values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY)))
-    logs = Bootstrap.of([np.clip(ratio, -at_most, at_most) for ratio in ratios], rounds=ROUNDS)
+    clipped = [np.clip(ratio, -at_most, at_most) for ratio in ratios]
+    logs = Bootstrap.of(clipped, rounds=ROUNDS) if len(clipped) > 1 else StudentMean.of(clipped[0])
     finding = replace(
         finding,
         change=math.expm1(logs.mean),

@@ -432,3 +432,19 @@ def test_a_loss_that_so_few_runs_cannot_tell_says_how_many_can():
     )
     assert lost_by(0.7, 4, 6)[0].verdict == "fail"
     assert lost_by(0.7, 4, 5, sequences=2)[0].verdict == "fail"
+
+
+def of_one_sequence(rng):
+    """A side with two trackers on five seeds of one sequence; their errors vary by 10 %, and nothing else differs."""
+    return Side({
+        (f"t{k}@15hz", "s0", seed): replace(measured(), errors={m: np.exp(0.1 * rng.normal()) for m in ERRORS})
+        for k in range(2)
+        for seed in range(5)
+    })  # fmt: skip
+
+
+def test_five_seeds_of_one_sequence_give_a_false_alarm_in_one_of_twenty_at_most():
+    """By a bootstrap, which is too narrow for five values, it would be one of ten."""
+    rng = np.random.default_rng(0)
+    found = [overall(compare_sides(of_one_sequence(rng), of_one_sequence(rng), {}, Margins())) for _ in range(300)]
+    assert found.count("fail") <= 0.05 * len(found)

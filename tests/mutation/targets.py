@@ -40,6 +40,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     "statistics": (
         _target("reports/statistics/bootstrap.py", "reports/test_statistics"),
         _target("reports/statistics/losses.py", "reports/test_losses"),
+        _target("reports/statistics/student.py", "reports/test_student"),
         _target("reports/statistics/proportion.py", "reports/test_closed_loop_measures"),
         _target("reports/statistics/repeats.py", "reports/test_repeats"),
         _target("reports/history/change_points.py", "reports/test_change_points"),

@@ -1,0 +1,36 @@
+"""The mean over the seeds of a single sequence, by Student's t: a bootstrap of so few values is too narrow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtr, stdtrit
+
+from uavbench.reports.statistics.bootstrap import ROUNDING
+from uavbench.trajectories.pose import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudentMean:
+    """A mean, its standard error, and its degrees of freedom; of a single value the error is NaN (Student 1908)."""
+
+    mean: float
+    error: float
+    freedom: int
+
+    @classmethod
+    def of(cls, values: Array) -> "StudentMean":
+        """Mean of independent values (n,), n >= 1."""
+        n = len(values)
+        error = float(values.std(ddof=1)) / np.sqrt(n) if n > 1 else float("nan")
+        return cls(mean=float(values.mean()), error=error, freedom=n - 1)
+
+    def bound(self, share: float) -> float:
+        """Quantile at a share from 0 to 1 of where the true mean may be; NaN of a single value."""
+        return self.mean + self.error * float(stdtrit(self.freedom, share)) if self.freedom else float("nan")
+
+    def p_above(self, limit: float) -> float:
+        """One-sided p of `the true mean is at most limit`; NaN of a single value."""
+        above = self.mean - limit - ROUNDING
+        if self.error == 0.0:
+            return 0.0 if above > 0 else 1.0
+        return float(stdtr(self.freedom, -above / self.error)) if self.freedom else float("nan")
