@@ -22,7 +22,8 @@ PAIR_HEADS = (
 )  # fmt: skip
 PAIRS_TOLD = (
     "Runs on the same sequences and seeds; p of success by McNemar's exact test, of the path error by the paired "
-    "bootstrap over flights in which both succeed, each adjusted by Holm over all pairs; * at the 5 % level."
+    "bootstrap over flights in which both succeed, or Student's t where it is larger, each adjusted by Holm over all "
+    "pairs; * at the 5 % level."
 )
 MEASURES_TOLD = "Success: flown to its end without a crash and within the corridor, with its Wilson interval."
 ALPHA = 1 - CONFIDENCE

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from uavbench.reports.statistics.student import ROUNDING, StudentMean
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
@@ -20,7 +21,6 @@ CONFIDENCE = 0.95
 LEAST_UNITS = 3
 """Fewest independent units of an interval: with two, a 95 % bootstrap interval covers the true value in 61 %."""
 FLIPS = 20_000
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,8 +177,9 @@ def compare_with(first: str, values: Mapping[str, ListOf[Array]], *, seed: int =
 def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: int = 0) -> Comparison:
     """Two trackers on the same sequences and seeds, p not adjusted; UserError when these differ.
 
-    p is the bootstrap's, but at least `smallest_p` of the number of independent pairs that differ. Pairs with the same
-    two values count once: they may be one flight under two names.
+    p is the bootstrap's, but at least that of Student's t on the independent pairs, as a bootstrap of few is too
+    narrow, and `smallest_p` of the number of those that differ. Pairs with the same two values count once: they may be
+    one flight under two names.
     """
     sizes = [[len(v) for v in values[name]] for name in (first, second)]
     if sizes[0] != sizes[1]:
@@ -187,13 +188,15 @@ def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: 
     flat = np.concatenate(differences)
     means = Bootstrap.of(differences, seed=seed).replicates
     beyond = min(int((means <= 0).sum()), int((means >= 0).sum()))
-    pairs = np.column_stack([units(values[first]), units(values[second])])
-    n = len(np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0))
+    pairs = np.unique(np.column_stack([units(values[first]), units(values[second])]), axis=0)
+    apart = pairs[:, 0] - pairs[:, 1]
+    n = int(np.count_nonzero(apart))
+    by_student = StudentMean.of(apart).p_two_sided
     return Comparison(
         first=first,
         second=second,
         difference=hierarchical_interval(differences, seed=seed),
-        p=max(min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)), smallest_p(n)),
+        p=max(min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)), by_student, smallest_p(n)),
         wins=float(((flat < 0) + 0.5 * (flat == 0)).mean()),
         units=n,
     )

@@ -6,7 +6,8 @@ from math import comb
 
 import numpy as np
 
-from uavbench.reports.statistics.bootstrap import FLIPS, ROUNDING, sign_flip_p
+from uavbench.reports.statistics.bootstrap import FLIPS, sign_flip_p
+from uavbench.reports.statistics.student import ROUNDING
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 

@@ -1,12 +1,14 @@
-"""The mean over the seeds of a single sequence, by Student's t: a bootstrap of so few values is too narrow."""
+"""The mean of a few independent values by Student's t: a bootstrap of so few is too narrow."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from uavbench.reports.statistics.bootstrap import ROUNDING
 from uavbench.trajectories.pose import Array
+
+ROUNDING = 1e-12
+"""Difference of two means that counts as round-off."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,3 +36,10 @@ class StudentMean:
         if self.error == 0.0:
             return 0.0 if above > 0 else 1.0
         return float(stdtr(self.freedom, -above / self.error)) if self.freedom else float("nan")
+
+    @property
+    def p_two_sided(self) -> float:
+        """Two-sided p of `the true mean is 0`; 1 of a single value."""
+        if not self.freedom or self.mean == 0.0:
+            return 1.0
+        return 2.0 * float(stdtr(self.freedom, -abs(self.mean) / self.error)) if self.error else 0.0

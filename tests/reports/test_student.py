@@ -15,6 +15,7 @@ def test_p_and_bounds_are_those_of_the_books(values: np.ndarray, limit: float) -
     found = StudentMean.of(values)
     expected = ttest_1samp(values, limit, alternative="greater")
     assert found.p_above(limit) == pytest.approx(expected.pvalue, rel=1e-6)
+    assert found.p_two_sided == pytest.approx(ttest_1samp(values, 0.0).pvalue, rel=1e-6)
     low, high = t.interval(0.9, len(values) - 1, values.mean(), values.std(ddof=1) / np.sqrt(len(values)))
     assert (found.bound(0.05), found.bound(0.95)) == pytest.approx((low, high), rel=1e-9)
 
@@ -24,9 +25,10 @@ def test_equal_values_are_above_a_limit_or_not() -> None:
     assert (found.p_above(0.4), found.p_above(0.6), found.p_above(0.5)) == (0.0, 1.0, 1.0)
     assert found.p_above(0.5 - 1e-15) == 1.0, "round-off is no change"
     assert (found.bound(0.05), found.bound(0.95)) == (0.5, 0.5)
+    assert (found.p_two_sided, StudentMean.of(np.zeros(4)).p_two_sided) == (0.0, 1.0)
 
 
 def test_one_value_has_no_uncertainty_to_be_told() -> None:
     found = StudentMean.of(np.array([0.5]))
-    assert found.mean == 0.5
+    assert (found.mean, found.p_two_sided) == (0.5, 1.0)
     assert np.isnan([found.bound(0.05), found.bound(0.95), found.p_above(0.0)]).all()
