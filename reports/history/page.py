@@ -40,19 +40,24 @@ def write_trends(folder: Path, history: History, found: list[Trend]) -> Path:
                     trend.series.name, _caption(trend))
             for k, trend in enumerate(found)
         ]  # fmt: skip
-    series = [trend.series for trend in found]
+    latest = history.commits[-1]
     text = environment().get_template("page_history.html").render(
         title=f"{history.suite.name}: {len(history.commits)} commits", css=asset("page.css"), js=asset("page.js"),
         alarms=[trend.said(change) for trend in found for change in trend.alarms],
         changes=[trend.said(change) for trend in found for change in trend.changes],
-        table=_table(found), figures=[each.sized(folder) for each in drawn], commits=_commits(history),
+        table=_table(found, latest), figures=[each.sized(folder) for each in drawn], commits=_commits(history),
         environment=history.environment, name=history.name, version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)
-    for name, body in _forms(series).items():
+    for name, body in _forms([trend.series for trend in found if is_of(trend.series, latest)]).items():
         write_text(folder / name, json.dumps(body, indent=1, allow_nan=False) + "\n")
     write_text(folder / MARKER.name, json.dumps(to_json(found), indent=1, allow_nan=False) + "\n")
     return folder / "index.html"
+
+
+def is_of(series: Series, commit: Commit) -> bool:
+    """Whether the last value of a series is of this commit: a tracker may be gone, or give no number any more."""
+    return series.commits[-1].commit == commit.commit
 
 
 def to_json(found: list[Trend]) -> dict[str, Any]:
@@ -83,7 +88,7 @@ def _caption(trend: Trend) -> str:
     return f"{noise} {'; '.join(told) if told else 'No change.'}"
 
 
-def _table(found: list[Trend]) -> dict[str, Any]:
+def _table(found: list[Trend], latest: Commit) -> dict[str, Any]:
     heads = [{"name": name, "unit": unit, "best": best} for name, unit, best in (
         ("metric", "", "min"), ("now", "95 % over flights", "min"), ("first", "", "min"), ("noise", "%", "min"),
         ("changes", "", "min"), ("alarms", "", "min"))]  # fmt: skip
@@ -94,6 +99,8 @@ def _table(found: list[Trend]) -> dict[str, Any]:
         low, high = series.low[-1], series.high[-1]
         now = _cell(f"{series.value[-1]:.4g} {series.unit}".strip(), series.value[-1])
         now["bounds"] = f"[{low:.4g}, {high:.4g}]" if low <= high else ""
+        if not is_of(series, latest):
+            now = {**_cell("\N{EM DASH}", 0.0), "sort": "", "bounds": f"last with {short(series.commits[-1])}"}
         rows.append({
             "name": series.name, "title": series.name, "colour": colour(trackers.index(series.tracker)),
             "status": "worse" if trend.alarms else "",

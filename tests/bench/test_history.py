@@ -255,6 +255,21 @@ def test_the_command_writes_a_page_figures_and_forms(tmp_path):
     assert accepted.exit_code == 0, accepted.output
 
 
+def test_a_value_of_an_earlier_commit_is_not_given_as_that_of_the_latest(tmp_path):
+    """A tracker that has another name since, and one that gives no number any more."""
+    history = history_of(noisy(6))
+    *before, last = history.commits
+    moved = replace(last, commit="f" * 40, metrics={"renamed": last.metrics["tracker"]})
+    write_history(tmp_path / "history.json", replace(history, commits=[*before, moved]))
+    done = CliRunner().invoke(main, ["history", str(tmp_path / "history.json"), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    (smaller,) = json.loads((tmp_path / "out/github-smaller.json").read_text())
+    assert smaller["name"] == "renamed metric" and smaller["extra"].startswith(moved.commit)
+    assert list(json.loads((tmp_path / "out/bencher.json").read_text())) == ["renamed"]
+    page = (tmp_path / "out/index.html").read_text()
+    assert page.count(f"last with {before[-1].commit[:9]}") == 1 and "last with fff" not in page
+
+
 def test_mistakes_are_told(tmp_path, monkeypatch):
     file = tmp_path / "history.json"
     write_history(file, history_of(noisy(3)))
