@@ -80,10 +80,18 @@ class Measuring:
         return replace(self.suite, rates_hz=(self.rate_hz,))
 
     def of(self, side: Side) -> Measurement | Cannot:
-        """The metric of a commit's scores: mean over sequences of the mean over seeds, of logs for an error."""
+        """The metric of a commit's scores: mean over sequences of the mean over seeds, of logs for an error.
+
+        Of a run that crashed the errors are those of the frames before, and tell nothing; its coverage does.
+        """
         runs = {
             key: run.coverage if self.metric == COVERAGE else run.errors[self.metric] for key, run in side.runs.items()
         }
+        for (_, sequence, seed), why in side.faults.items():
+            return Cannot(f"no score of {sequence}, seed {seed}: {one_line(why)}")
+        for (_, sequence, seed), run in side.runs.items():
+            if run.crash and self.metric != COVERAGE:
+                return Cannot(f"it crashes on {sequence}, seed {seed}: {one_line(run.crash)}")
         for (_, sequence, seed), value in runs.items():
             if not math.isfinite(value):
                 return Cannot(f"no number of {self.metric} for {sequence}, seed {seed}")
@@ -94,7 +102,9 @@ class Measuring:
         mean = float(np.mean([np.mean(each) for each in by_sequence.values()]))
         if self.metric == COVERAGE:
             return Measurement(mean, f"{self.metric} {-mean:.4f}")
-        return Measurement(mean, f"{self.metric} {math.exp(mean):.5g} {ERRORS[self.metric][0]}")
+        share = float(np.mean([run.coverage for run in side.runs.values()]))
+        text = f"{self.metric} {math.exp(mean):.5g} {ERRORS[self.metric][0]}, {COVERAGE} {100 * share:.1f} %"
+        return Measurement(mean, text)
 
 
 def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, workers: int) -> int:

@@ -10,7 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
+from uavbench.bench.gate.paired_scores import Measured, Side
 from uavbench.bench.history.bisect import Cannot, Measurement, between, bisect
+from uavbench.bench.history.measuring import Measuring
 from uavbench.trajectories.errors import UserError
 
 pytestmark = pytest.mark.skipif(shutil.which("git") is None, reason="absent: git")
@@ -130,6 +132,33 @@ def test_mistakes_are_told(repository):
                         (["--suite", "none.toml"], "none.toml")):  # fmt: skip
         result = CliRunner().invoke(main, ["bisect", "HEAD~1", *more])
         assert result.exit_code == 2 and words in result.output
+
+
+def measuring(metric):
+    return Measuring(None, Path("suite.toml"), Path("out"), "lsd", 15.0, metric, None)
+
+
+def side_of(*coverages, crash=""):
+    """Runs with the same errors, of which the first crashed."""
+    runs = {
+        ("lsd@15hz", "s0", k): Measured(coverage=share, errors={"ATE": 0.02}, crash="" if k else crash)
+        for k, share in enumerate(coverages)
+    }
+    return Side(runs)
+
+
+def test_a_commit_whose_tracker_crashes_is_not_taken_for_a_good_one():
+    """Its error is that of the few frames before, smaller than any."""
+    found = measuring("ATE").of(side_of(0.1, 1.0, crash="frame 9:\nValueError"))
+    assert found == Cannot("it crashes on s0, seed 0: frame 9: ValueError")
+    assert measuring("coverage").of(side_of(0.1, 1.0, crash="frame 9")) == Measurement(-0.55, "coverage 0.5500")
+    assert measuring("ATE").of(side_of(0.5, 1.0)).text == "ATE 0.02 m, coverage 75.0 %"
+
+
+def test_a_commit_without_the_score_of_a_run_is_not_measured():
+    missing = Side(side_of(1.0).runs, {("lsd@15hz", "s1", 0): "score.json: no such file"})
+    for metric in ("ATE", "coverage"):
+        assert measuring(metric).of(missing) == Cannot("no score of s1, seed 0: score.json: no such file")
 
 
 @pytest.mark.ci
