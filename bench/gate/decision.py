@@ -106,7 +106,7 @@ def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Fi
             f"{baseline} and {results} are of different flights: their suites differ in sequences, seeds, start, "
             "loops or the files that these name; fly the same suite in both"
         )
-    return compare_sides(base, head, read_timing(results), margins)
+    return compare_sides(base, head, read_timing(results, baseline), margins)
 
 
 def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], margins: Margins) -> list[Finding]:

@@ -23,6 +23,8 @@ Key = tuple[str, str, int]
 """Tracker and rate (`lsd@15hz`), sequence without its seed, seed."""
 COVERAGE, SUCCESS = "coverage", "success"
 """Metrics compared as shares: of frames with a pose, of successful flights."""
+OTHER_SIDE = "base"
+"""Folder of the older version, beside that of the newer one, of `uavbench compare`."""
 HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
 """Parts of a score's record that must agree before two numbers are compared."""
 
@@ -241,10 +243,13 @@ class PairedValues:
         ]
 
 
-def read_timing(folder: Path) -> dict[str, PairedValues]:
-    """Latencies of interleaved runs by tracker and rate, as `uavbench compare` writes them; none without the file."""
+def read_timing(folder: Path, baseline: Path) -> dict[str, PairedValues]:
+    """Latencies of interleaved runs by tracker and rate, as `uavbench compare` writes them into one of its sides.
+
+    None without the file, and with any other baseline than the other side, whose times these are.
+    """
     path = folder / "timing.json"
-    if not path.is_file():
+    if not path.is_file() or baseline.resolve() != folder.resolve().with_name(OTHER_SIDE):
         return {}
     try:
         runs = read_json(path)["runs"]

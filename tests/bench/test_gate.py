@@ -1,6 +1,7 @@
 """The gate: verdicts on drawn scores, its statistics against closed forms, its reports."""
 
 import json
+import shutil
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
@@ -188,6 +189,15 @@ def test_latency_of_interleaved_runs(sides, tmp_path):
     (tmp_path / "head" / "timing.json").write_text("[]")
     with pytest.raises(UserError, match="timing"):
         gate(*folders)
+
+
+def test_latencies_are_not_compared_with_another_baseline_than_they_were_measured_with(sides, tmp_path):
+    head, base = sides(lambda rng: drawn(rng))
+    rows = [{"sequence": f"s{i}", "seed": k, "base_ms": 10.0, "head_ms": 12.0} for i in range(4) for k in range(5)]
+    (head / "timing.json").write_text(json.dumps({"runs": {"lsd@15hz": rows}}))
+    other = shutil.copytree(base, tmp_path / "other")
+    assert verdicts(gate(head, base))["latency"] == "fail"
+    assert "latency" not in verdicts(gate(head, other))
 
 
 def test_command_and_reports(sides, tmp_path):
