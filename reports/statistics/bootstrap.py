@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uavbench.reports.statistics.student import ROUNDING, StudentMean
+from uavbench.reports.statistics.student import ROUNDING, StudentMean, widening
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
@@ -89,8 +89,9 @@ def smallest_p(n: int) -> float:
 def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDENCE, seed: int = 0) -> Interval:
     """Two-sided bootstrap interval of the mean over sequences of the mean over seeds (n_s,).
 
-    NaN bounds for fewer than LEAST_UNITS units, and when all are equal: their spread is unknown. UserError when there
-    is no sequence, or one without values.
+    It is widened as Student's is over the normal one, since a bootstrap of few units is too narrow. NaN bounds for
+    fewer than LEAST_UNITS units, and when all are equal: their spread is unknown. UserError when there is no sequence,
+    or one without values.
     """
     found, n = Bootstrap.of(values, seed=seed), sum(len(v) for v in values)
     independent = units(values)
@@ -103,7 +104,9 @@ def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDEN
     if why:
         return Interval(mean=found.mean, low=float("nan"), high=float("nan"), n=n, why=why)
     tail = (1 - confidence) / 2
-    return Interval(mean=found.mean, low=found.bound(tail), high=found.bound(1 - tail), n=n)
+    wider = widening(len(independent), tail)
+    low, high = (found.mean + wider * (found.bound(share) - found.mean) for share in (tail, 1 - tail))
+    return Interval(mean=found.mean, low=low, high=high, n=n)
 
 
 def sign_flip_p(differences: Array, *, seed: int = 0) -> float:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import ndtri, stdtr, stdtrit
 
 from uavbench.trajectories.pose import Array
 
@@ -43,3 +43,8 @@ class StudentMean:
         if not self.freedom or self.mean == 0.0:
             return 1.0
         return 2.0 * float(stdtr(self.freedom, -abs(self.mean) / self.error)) if self.error else 0.0
+
+
+def widening(n: int, tail: float) -> float:
+    """Factor by which the interval of a mean of n values is wider than the normal one of many; tail: beyond one end."""
+    return float(stdtrit(n - 1, tail) / ndtri(tail))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t, ttest_1samp
 
-from uavbench.reports.statistics.student import StudentMean
+from uavbench.reports.statistics.student import StudentMean, widening
 
 VALUES = np.array([0.05, 0.08, 0.12, 0.2, 0.25])
 
@@ -32,3 +32,10 @@ def test_one_value_has_no_uncertainty_to_be_told() -> None:
     found = StudentMean.of(np.array([0.5]))
     assert (found.mean, found.p_two_sided) == (0.5, 1.0)
     assert np.isnan([found.bound(0.05), found.bound(0.95), found.p_above(0.0)]).all()
+
+
+def test_an_interval_of_few_values_is_wider_than_the_normal_one() -> None:
+    """Of tables of Student's t: 12.706, 4.303 and 2.571 at 97.5 % with 1, 2 and 5 degrees of freedom."""
+    found = [widening(n, 0.025) * 1.959964 for n in (2, 3, 6)]
+    assert found == pytest.approx([12.706, 4.303, 2.571], abs=1e-3)
+    assert widening(10**6, 0.025) == pytest.approx(1.0, abs=1e-5)
