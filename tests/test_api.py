@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,6 +18,7 @@ import uavbench as ub
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.reports.scoring.score import score
+from uavbench.tracker.baselines.hold import Hold
 from uavbench.trajectories.trajectory_files.formats import write_tum
 
 ROOT = Path(__file__).parent.parent
@@ -335,3 +337,35 @@ def test_start_reads_files_and_refuses_what_it_cannot_use(folder):
         ub.start("hold", drawn / "model.obj", drawn / "camera.toml", np.zeros((4, 4)))
     with pytest.raises(ub.UserError, match=r"nothing\.obj"):
         ub.start("hold", drawn / "nothing.obj", drawn / "camera.toml", first)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"tracker": None}, r"tracker is None; give a name, or an object with its parameters, as Robust\(\)"),
+        ({"tracker": Hold}, "tracker is <class .*Hold'>; give a name, or an object with its parameters"),
+        ({"model": np.eye(3)}, "structure is ndarray; give a Structure"),
+        ({"camera": np.eye(3)}, "camera is ndarray; give a Camera"),
+        ({"cam_from_world": ub.Pose(2 * np.eye(3), np.zeros(3))}, "its rows are not orthonormal"),
+        ({"cam_from_world": np.eye(4) * (1 + 0j)}, "cam_from_world: holds complex numbers"),
+        ({"cam_from_world": np.ma.masked_equal(np.eye(4), 1.0)}, "cam_from_world: has masked values"),
+        ({"cam_from_world": [[10**400] * 4] * 4}, "cam_from_world: "),
+        ({"seed": -1}, "seed = -1: must be a whole number from 0 on"),
+        ({"seed": "0"}, "seed = '0': must be a whole number from 0 on"),
+    ],
+)
+def test_start_refuses_inputs_of_another_kind_by_name(folder, change, told):
+    """For a tracker of one's own, too: it gets what docs/my-tracker.md says, or is not started."""
+    sequence = ub.open_sequence(folder / "sequences" / "drawn-s0")
+    own = SimpleNamespace(start=lambda *inputs: pytest.fail(f"was started with {inputs}"))
+    given = {"model": sequence.structure, "camera": sequence.camera, "cam_from_world": np.eye(4)}
+    with pytest.raises(ub.UserError, match=told):
+        ub.start(**{"tracker": own, **given, **change})
+
+
+@pytest.mark.parametrize("lost", [np.ma.masked_equal(np.zeros((2, 3)), 0.0), np.zeros((2, 3)) * 1j])
+def test_a_pose_or_trajectory_drops_no_mask_and_no_imaginary_part(lost):
+    with pytest.raises(ValueError, match=r"masked|complex"):
+        ub.Trajectory(np.arange(2), lost, np.tile([1.0, 0, 0, 0], (2, 1)))
+    with pytest.raises(ValueError, match=r"masked|complex"):
+        ub.Pose(np.eye(3), lost[0])

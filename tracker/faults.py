@@ -12,9 +12,9 @@ from typing import Any, get_args
 
 import numpy as np
 
-from uavbench.tracker.protocol import Status, TrackResult
+from uavbench.tracker.protocol import Status, TrackResult, is_rotation
 from uavbench.trajectories.errors import UserError, one_line
-from uavbench.trajectories.pose import Array, Pose, read_only
+from uavbench.trajectories.pose import Pose, read_only
 
 OURS = frozenset({"uavbench"})
 LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
@@ -24,8 +24,6 @@ LEAST_EIGENVALUE = -1e-6
 
 ASYMMETRY = 1e-4
 """Largest difference of two elements of a covariance that should be equal, of its largest: of products in float32."""
-ROTATION_ERROR = 1e-3
-"""Tolerance of R R^T - I of a rotation, as for the quaternions of external trackers."""
 
 
 class ResultError(Exception):
@@ -96,7 +94,7 @@ def checked(result: Any) -> TrackResult:
         raise ResultError(f"[bad-result] cam_from_world is {_named(pose)}; make it with Pose.from_matrix(...)")
     if pose is not None and not np.isfinite(pose.matrix).all():
         raise ResultError("[bad-result] the pose is not finite; a frame without a good pose has the status `lost`")
-    if pose is not None and not _is_rotation(pose.rotation):
+    if pose is not None and not is_rotation(pose.rotation):
         raise ResultError("[bad-result] the rotation of the pose is none: its rows are not orthonormal, or it mirrors")
     if covariance is not None and (why := _no_covariance(covariance)):
         raise ResultError(f"[bad-result] the covariance {why}")
@@ -120,10 +118,6 @@ def checked(result: Any) -> TrackResult:
     own = None if covariance is None else read_only(covariance)
     log10_nfa = None if nfa is None else float(nfa)
     return replace(result, covariance=own, stage_ms=stage_ms, **whole, log10_nfa=log10_nfa)
-
-
-def _is_rotation(R: Array) -> bool:
-    return bool(np.abs(R @ R.T - np.eye(3)).max() < ROTATION_ERROR and np.linalg.det(R) > 0)
 
 
 def _no_covariance(covariance: Any) -> str:

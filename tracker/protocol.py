@@ -20,6 +20,15 @@ from uavbench.trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]
 Status = Literal["ok", "ambiguous", "lost", "not_initialized"]
+ROTATION_ERROR = 1e-3
+"""Tolerance of R R^T - I of a rotation, as for the quaternions of external trackers."""
+START_INPUTS: tuple[tuple[type, str], ...] = (
+    (Structure, "load_structure(folder) or Structure.from_mesh(vertices, triangles)"),
+    (Camera, 'Camera.load("camera.toml")'),
+    (Pose, "Pose.from_matrix(matrix)"),
+    (np.random.Generator, "np.random.default_rng(0)"),
+)
+"""Type of each input of `start`, and how one is made."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,12 +116,37 @@ class BodyTracker(Protocol):
         ...
 
 
+class StartError(UserError):
+    """An input of `start` that no run can begin with."""
+
+
 class ImageError(UserError):
     """An image of an unsupported shape or type."""
 
 
 class StampError(UserError):
     """A stamp that is no whole number of nanoseconds."""
+
+
+def check_start(structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Pose:
+    """The initial pose with its arrays stored by rows, as kernels take them.
+
+    StartError for an input of another type, and for a pose that is not finite or not rigid (ROTATION_ERROR).
+    """
+    given = {"structure": structure, "camera": camera, "cam_from_world": cam_from_world, "rng": rng}
+    for (name, value), (kind, hint) in zip(given.items(), START_INPUTS, strict=True):
+        if not isinstance(value, kind):
+            raise StartError(f"{name} is {type(value).__name__}; give a {kind.__name__}, as {hint}")
+    if not np.isfinite(cam_from_world.matrix).all():
+        raise StartError("the initial pose is not finite; give numbers")
+    if not is_rotation(cam_from_world.rotation):
+        raise StartError("the rotation of the initial pose is none: its rows are not orthonormal, or it mirrors")
+    return Pose(np.ascontiguousarray(cam_from_world.rotation), cam_from_world.translation)
+
+
+def is_rotation(R: Array) -> bool:
+    """Whether a finite matrix (3, 3) is a rotation, to ROTATION_ERROR."""
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < ROTATION_ERROR and np.linalg.det(R) > 0)
 
 
 def check_stamp(stamp_ns: int) -> int:

@@ -20,7 +20,14 @@ Array = NDArray[np.float64]
 
 
 def read_only(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
-    """Read-only float64 copy of `values`; ValueError when its shape is not `shape` (-1: any length)."""
+    """Read-only float64 copy of `values`; ValueError when its shape is not `shape` (-1: any length).
+
+    ValueError, too, for what would be lost in the copy: masks, and imaginary parts.
+    """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        raise ValueError("has masked values; leave them out")
+    if isinstance(values, np.ndarray) and values.dtype.kind == "c":
+        raise ValueError("holds complex numbers")
     array = np.array(values, dtype=np.float64)
     if shape is not None and array.shape != shape and not _fits(array.shape, shape):
         raise ValueError(f"expected shape {shape}, got {array.shape}")

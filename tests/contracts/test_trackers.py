@@ -8,7 +8,7 @@ import pytest
 from uavbench.bench.config.suite import load_suite
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.generate import generate
-from uavbench.tracker.protocol import ImageError
+from uavbench.tracker.protocol import ImageError, StartError
 from uavbench.tracker.registry import TRACKERS
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.pose import Pose
@@ -177,3 +177,27 @@ def test_a_first_pose_may_be_stored_in_any_order(kind, sequence):
     found = run.track(image, stamp)
     assert found.status == expected.status == "ok"
     assert np.array_equal(found.cam_from_world.matrix, expected.cam_from_world.matrix)
+
+
+@VARIANTS
+@pytest.mark.parametrize(
+    ("name", "change", "told"),
+    [
+        ("cam_from_world", lambda pose: pose.matrix, r"cam_from_world is ndarray; give a Pose, as Pose\.from_matrix"),
+        ("cam_from_world", lambda pose: Pose(pose.rotation, [np.nan, 0, 0]), "the initial pose is not finite"),
+        ("cam_from_world", lambda pose: Pose(2 * pose.rotation, pose.translation), "its rows are not orthonormal"),
+        ("cam_from_world", lambda pose: Pose(-pose.rotation, pose.translation), "or it mirrors"),
+        ("camera", lambda camera: camera.K, r"camera is ndarray; give a Camera, as Camera\.load"),
+        ("structure", lambda structure: "model.obj", "structure is str; give a Structure, as load_structure"),
+        ("rng", lambda rng: 0, r"rng is int; give a Generator, as np\.random\.default_rng\(0\)"),
+    ],
+)
+def test_what_no_run_can_start_from_is_refused_by_name(kind, sequence, name, change, told):
+    given = {
+        "structure": sequence.structure,
+        "camera": sequence.camera,
+        "cam_from_world": sequence.true_cam_from_world(0),
+        "rng": stream(3, "contract"),
+    }
+    with pytest.raises(StartError, match=told):
+        TRACKERS[kind]().start(**{**given, name: change(given[name])})

@@ -6,7 +6,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_start
 from uavbench.trajectories.pose import Pose
 
 
@@ -15,8 +15,8 @@ class Hold:
     """Parameters of `hold`: none."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Start a run from the pose that will be repeated."""
-        return HoldRun(cam_from_world, camera)
+        """Start a run from the pose that will be repeated; StartError for inputs of another type, or no such pose."""
+        return HoldRun(check_start(structure, camera, cam_from_world, rng), camera)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from annotated_types import Ge, Gt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_start
 from uavbench.tracker.shang_shen.segments import grey
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.geometry.bvh import build_tree
@@ -37,9 +37,10 @@ class Vo:
     parallax_rad: Annotated[float, Gt(0)] = 0.03
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Start a run from a known initial pose."""
+        """Start a run from a known initial pose; StartError for inputs of another type, and when that pose is none."""
+        first = check_start(structure, camera, cam_from_world, rng)
         prepare(__name__)
-        return VoRun(self, structure, camera, cam_from_world)
+        return VoRun(self, structure, camera, first)
 
 
 class VoRun:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import UNKNOWN_BODY, load_model
-from uavbench.tracker.protocol import Run, Tracker
+from uavbench.tracker.protocol import Run, Tracker, check_start
 from uavbench.tracker.registry import TRACKERS, tracker_kind
 from uavbench.tracker.run import started
 from uavbench.trajectories.errors import UserError, unknown_name
@@ -34,7 +34,7 @@ def start(
 
     `track` takes an image (h, w, 3) BGR or (h, w) grey, uint8, and its stamp in ns, strictly increasing. Its result has
     `.status` (`ok`, `ambiguous`, `lost`, `not_initialized`), `.cam_from_world` and `.covariance` (6, 6) of the twist,
-    translation (m) first. UserError for an invalid file, name or pose.
+    translation (m) first. UserError for an invalid file, name, seed or pose, and for inputs of another type.
 
     >>> import numpy as np
     >>> from uavbench import Camera, Structure, start
@@ -51,16 +51,22 @@ def start(
         if tracker not in TRACKERS:
             raise unknown_name("tracker", tracker, list(TRACKERS))
         tracker = TRACKERS[tracker]()
+    elif isinstance(tracker, type) or not callable(getattr(tracker, "start", None)):
+        raise UserError(f"tracker is {tracker!r}; give a name, or an object with its parameters, as Robust()")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise UserError(f"seed = {seed!r}: must be a whole number from 0 on")
     structure = load_model(Path(model)) if isinstance(model, str | Path) else model
     lens = Camera.load(Path(camera)) if isinstance(camera, str | Path) else camera
-    rng = stream(seed, "tracker", tracker_kind(tracker))
-    return started(tracker, structure, lens, _pose(cam_from_world), rng, UNKNOWN_BODY)
+    rng = stream(int(seed), "tracker", tracker_kind(tracker))
+    return started(
+        tracker, structure, lens, check_start(structure, lens, _pose(cam_from_world), rng), rng, UNKNOWN_BODY
+    )
 
 
 def _pose(given: Any) -> Pose:
     if isinstance(given, Pose):
         return given
     try:
-        return Pose.from_matrix(np.asarray(given, dtype=np.float64))
-    except (ValueError, TypeError) as error:
+        return Pose.from_matrix(given)
+    except (ValueError, TypeError, OverflowError) as error:
         raise UserError(f"cam_from_world: {error}; give a Pose or a homogeneous matrix (4, 4)") from None

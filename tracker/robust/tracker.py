@@ -6,7 +6,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_stamp
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_stamp, check_start
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision import Decider, Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
@@ -19,7 +19,6 @@ from uavbench.tracker.robust.preprocessing.masking import Masking
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
-from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 
@@ -31,11 +30,10 @@ class Robust:
     config: RobustConfig = field(default_factory=RobustConfig)
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Start a run from an initial pose; UserError when that pose is not finite."""
-        if not np.isfinite(cam_from_world.matrix).all():
-            raise UserError("the initial pose is not finite; give numbers")
+        """Start a run from an initial pose; StartError for inputs of another type, and when that pose is none."""
+        first = check_start(structure, camera, cam_from_world, rng)
         prepare(__name__)
-        return RobustRun(structure, camera, cam_from_world, rng, self.config)
+        return RobustRun(structure, camera, first, rng, self.config)
 
 
 class RobustRun:
@@ -50,8 +48,6 @@ class RobustRun:
         config: RobustConfig,
     ) -> None:
         self.camera, self.config = camera, config
-        # The rotation of an inverse is stored column-major, which the kernels do not accept.
-        cam_from_world = Pose(np.ascontiguousarray(cam_from_world.rotation), cam_from_world.translation)
         middle = structure.bounds.mean(axis=0, keepdims=True)
         range_m = float(np.linalg.norm(cam_from_world.transform(middle)))
         motion = Motion(cam_from_world, isotropic_covariance(config.initialization.sigma, range_m))

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_start
 from uavbench.tracker.shang_shen.control_points import CONTROL_POINT_SPACING_PX, ControlPoints, control_points
 from uavbench.tracker.shang_shen.edge_search import SEARCH_PX, Candidates
 from uavbench.tracker.shang_shen.hypotheses import Matches
@@ -56,9 +56,10 @@ class Published(ABC):
         return Matches(candidates.distances[:, 0], candidates.counts > 0)
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Start a run from a known initial pose."""
+        """Start a run from a known initial pose; StartError for inputs of another type, and when that pose is none."""
+        first = check_start(structure, camera, cam_from_world, rng)
         prepare(__name__)
-        return PublishedRun(self, structure, camera, cam_from_world, rng)
+        return PublishedRun(self, structure, camera, first, rng)
 
 
 class PublishedRun:
@@ -73,9 +74,7 @@ class PublishedRun:
         rng: np.random.Generator,
     ) -> None:
         self.variant, self.structure, self.camera = variant, structure, camera
-        # The rotation of an inverse is stored column-major, which the kernels do not accept.
-        rotation = np.ascontiguousarray(cam_from_world.rotation)
-        self.cam_from_world, self.rng = Pose(rotation, cam_from_world.translation), rng
+        self.cam_from_world, self.rng = cam_from_world, rng
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; ImageError for an image of another size or type."""
