@@ -63,6 +63,17 @@ def test_a_fisheye_is_calibrated_with_its_own_model(tmp_path: Path) -> None:
     assert found.camera.distortion_model == "equidistant"
 
 
+def test_corners_that_no_camera_fits_are_told(tmp_path: Path) -> None:
+    """OpenCV finds small boards within larger ones, aslant, at another place in each picture."""
+    pictures = photographed(Camera(640, 480, 520.0, 523.0, 322.0, 236.0), tmp_path)
+    with pytest.raises(UserError, match=r"no camera fits the corners: the reprojection error is \d.* check --board"):
+        calibrate([pictures], (3, 3), 0.025)
+    with pytest.raises(UserError, match="the calibration does not converge"):
+        calibrate([pictures], (3, 3), 0.025, model="equidistant")
+    with pytest.raises(UserError, match="give inner corners, as in 7x8, 3 or more along each side"):
+        calibrate([pictures], (2, 2), 0.025)
+
+
 def test_pictures_without_a_board_are_told(tmp_path: Path) -> None:
     for k in range(3):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((240, 320), 90, dtype=np.uint8))
