@@ -79,9 +79,9 @@ class Structure:
 
         Edges within a planar face are not crease edges; collinear pieces of an edge are joined. Edges shorter than
         min_edge_m are left out. Triangles without area are dropped, the T-junctions that they close stay closed.
-        ValueError when none has an area.
+        ValueError when none has an area, a vertex is not finite, or a triangle has corners that are no vertices.
         """
-        vertices, triangles = _weld(vertices, triangles)
+        vertices, triangles = _weld(*_checked(vertices, triangles))
         normals, areas = _triangle_normals(vertices, triangles)
         pairs, pair_triangles = _triangle_edges(triangles)
         both = pair_triangles[:, 1] >= 0
@@ -99,6 +99,24 @@ class Structure:
         length = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
         keep = length >= min_edge_m
         return cls(vertices, triangles, triangle_face, face_normals, edges[keep], edge_faces[keep])
+
+
+def _checked(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Vertices and triangles as arrays; ValueError when they are none of a mesh."""
+    vertices, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(triangles)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+        raise ValueError(f"vertices has the shape {vertices.shape}; give (n, 3) finite numbers, in metres")
+    if not triangles.size:
+        raise ValueError("none of its triangles has an area")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
+        raise ValueError(
+            f"triangles has the shape {triangles.shape} and the type {triangles.dtype}; give (m, 3) integers, the "
+            "numbers of three vertices each, from 0 on"
+        )
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        bad = int(np.argmax(((triangles < 0) | (triangles >= len(vertices))).any(axis=1)))
+        raise ValueError(f"triangles[{bad}] = {triangles[bad].tolist()}: there are {len(vertices)} vertices, from 0 on")
+    return vertices, triangles
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:

@@ -369,3 +369,44 @@ def test_a_pose_or_trajectory_drops_no_mask_and_no_imaginary_part(lost):
         ub.Trajectory(np.arange(2), lost, np.tile([1.0, 0, 0, 0], (2, 1)))
     with pytest.raises(ValueError, match=r"masked|complex"):
         ub.Pose(np.eye(3), lost[0])
+
+
+def test_stamps_that_are_none_are_refused():
+    """Seconds had been cut to whole nanoseconds, and times beyond 2^63 had become negative."""
+    poses = [ub.Pose(np.eye(3), np.zeros(3))] * 2
+    assert ub.Trajectory.from_poses([1, 2], poses).stamps_ns.tolist() == [1, 2]
+    assert len(ub.Trajectory.from_poses([], [])) == 0
+    upright = np.tile([1.0, 0, 0, 0], (2, 1))
+    with pytest.raises(ValueError, match="stamps_ns must be integer nanoseconds"):
+        ub.Trajectory.from_poses([0.5, 1.7], poses)
+    with pytest.raises(ValueError, match=r"row 1: stamp is beyond 2\^63 ns"):
+        ub.Trajectory(np.array([1, 2**63 + 1], dtype=np.uint64), np.zeros((2, 3)), upright)
+    with pytest.raises(ValueError, match=r"stamps_ns has the shape \(2, 1\); give \(n,\)"):
+        ub.Trajectory(np.array([[1], [2]]), np.zeros((2, 3)), upright)
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+@pytest.mark.parametrize("kind", ["datetime64", "timedelta64"])
+def test_times_that_are_no_numbers_are_no_seconds(kind, unit):
+    """The numbers of timedeltas in ms had been taken for seconds."""
+    names = ["time_s", "px_m", "py_m", "pz_m", "qx", "qy", "qz", "qw"]
+    table = pd.DataFrame(curve(), columns=names).assign(time_s=np.arange(40).astype(f"{kind}[{unit}]"))
+    with pytest.raises(ub.UserError, match=rf"time_s has the type {kind}.*; give seconds, or stamp_ns = "):
+        ub.evaluate(table, table)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "told"),
+    [
+        (np.eye(3), [[0, 1, 2.5]], r"the type float64; give \(m, 3\) integers"),
+        (np.eye(3), [[0, 1, -1]], r"triangles\[0\] = \[0, 1, -1\]: there are 3 vertices, from 0 on"),
+        (np.eye(3), [[0, 1, 2], [1, 2, 3]], r"triangles\[1\] = \[1, 2, 3\]: there are 3 vertices, from 0 on"),
+        (np.eye(3), [[0, 1, 2, 0]], r"triangles has the shape \(1, 4\)"),
+        (np.full((3, 3), np.nan), [[0, 1, 2]], r"give \(n, 3\) finite numbers"),
+        (np.eye(4), [[0, 1, 2]], r"vertices has the shape \(4, 4\)"),
+        (np.eye(3), np.zeros((0, 3)), "none of its triangles has an area"),
+    ],
+)
+def test_a_structure_of_no_mesh_is_refused(vertices, triangles, told):
+    with pytest.raises(ValueError, match=told):
+        ub.Structure.from_mesh(vertices, np.array(triangles))

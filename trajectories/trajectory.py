@@ -42,6 +42,10 @@ class Trajectory:
         stamps = np.array(self.stamps_ns)
         if not np.issubdtype(stamps.dtype, np.integer):
             raise ValueError("stamps_ns must be integer nanoseconds")
+        if stamps.ndim != 1:
+            raise ValueError(f"stamps_ns has the shape {stamps.shape}; give (n,)")
+        if stamps.dtype.kind == "u" and stamps.size and stamps.max() > np.iinfo(np.int64).max:
+            raise InvalidRowError(int(np.argmax(stamps)), "stamp is beyond 2^63 ns")
         stamps = stamps.astype(np.int64)
         stamps.setflags(write=False)
         n = stamps.size
@@ -59,10 +63,10 @@ class Trajectory:
 
     @classmethod
     def from_poses(cls, stamps_ns: Iterable[int], world_from_x: Iterable[Pose]) -> Self:
-        """Trajectory of poses, one per stamp."""
+        """Trajectory of poses, one per stamp; ValueError for stamps that are no integers, as seconds."""
         poses = list(world_from_x)
         return cls(
-            np.fromiter(stamps_ns, dtype=np.int64),
+            np.array(list(stamps_ns) or np.zeros(0, np.int64)),
             np.array([p.translation for p in poses]).reshape(-1, 3),
             np.array([p.quaternion_wxyz for p in poses]).reshape(-1, 4),
         )

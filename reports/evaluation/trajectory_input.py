@@ -85,6 +85,11 @@ def _of_table(table: Any, name: Path) -> Found:
 def _stamps_ns(table: Any, column: str) -> "NDArray[np.int64]":
     """Stamps (n,) in ns of a column of STAMPS; ValueError naming the first invalid row."""
     given = table[column].to_numpy()
+    if column == "time_s" and given.dtype.kind in "mM":
+        raise ValueError(
+            f"time_s has the type {given.dtype}; give seconds, or stamp_ns = "
+            "table['time_s'].to_numpy().astype('datetime64[ns]').astype('int64')"
+        )
     return np.asarray(given) if column == "stamp_ns" else _nanoseconds(given.astype(np.float64))
 
 
