@@ -71,19 +71,34 @@ def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR, bits: int = 
 
 
 def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[int, int]:
-    """Width and height by an image's header; UserError when it has none, or more than MOST_PIXELS pixels."""
+    """Width and height by an image's header; UserError when it has none, several images, or more than MOST_PIXELS."""
     refuse_samples(path, data)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=kinds) as image:
                 width, height = image.size
+                is_sequence = _goes_on(image)
     except Image.DecompressionBombError:  # Pillow's own limit is slightly above ours
         raise UserError(f"{path}: {_too_many('too many')}") from None
     except Exception:  # Pillow's decoders may raise anything for a damaged header
         raise UserError(f"{path}: not a readable image ({', '.join(kinds)}); render or copy it again") from None
     check_pixels(path, width, height)
+    if is_sequence:
+        raise UserError(
+            f"{path}: holds several images, of which only the first would be read; write each into its file"
+        )
     return width, height
+
+
+def _goes_on(image: Image.Image) -> bool:
+    """Whether a second image of the same size follows in the file; a smaller one is a preview."""
+    size = image.size
+    try:
+        image.seek(1)
+    except Exception:  # Pillow's decoders may raise anything for what follows the first image
+        return False
+    return image.size == size
 
 
 def is_plain(data: bytes) -> bool:

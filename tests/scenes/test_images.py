@@ -125,6 +125,18 @@ def strip_entry(data, tag):
     return data.index(struct.pack("<HHI", tag, 4, 1)) + 8
 
 
+@pytest.mark.parametrize("kind", ["TIFF", "WEBP", "PNG"])
+def test_a_file_of_several_images_is_told(tmp_path, kind):
+    """Of which the first alone had been read; a preview of another size is none of them."""
+    first, second, small = (Image.new("RGB", size, at) for size, at in (((16, 12), 9), ((16, 12), 99), ((8, 6), 9)))
+    first.save(tmp_path / "a", kind, save_all=True, append_images=[second])
+    with pytest.raises(UserError, match="a: holds several images, of which only the first would be read"):
+        load_image(tmp_path / "a")
+    if kind == "TIFF":
+        first.save(tmp_path / "a", kind, save_all=True, append_images=[small])
+        assert load_image(tmp_path / "a").shape == (12, 16, 3)
+
+
 def test_what_is_no_image_is_told(tmp_path):
     for data in (b"", b"GIF89a", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", bomb_png()[:20]):
         (tmp_path / "a.png").write_bytes(data)
