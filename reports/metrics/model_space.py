@@ -10,8 +10,10 @@ proj P S v| (Hodan et al. 2020, eq. 1 and 2).
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.reports.metrics.camera_poses import estimated_cameras, true_cameras
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
@@ -23,7 +25,8 @@ from uavbench.tracker.visible_edges import pinhole
 from uavbench.trajectories.pose import Array, Pose
 
 SYMMETRY_TOLERANCE = 1e-3
-"""Tolerance of a symmetry: largest distance of a mapped vertex from its image, over the structure's size."""
+"""Tolerance of a symmetry: largest distance of a mapped vertex from its image, over the structure's size, and largest
+change of the first two moments of the surface, over the size and its square."""
 POINTS_PER_EDGE = 11
 NEAREST_M = 1e-3
 MAX_SYMMETRIC_VERTICES = 2000
@@ -125,22 +128,40 @@ def diagonal_px(camera: Camera) -> float:
 
 @lru_cache(maxsize=16)
 def box_symmetries(structure: Structure) -> tuple[Pose, ...]:
-    """Rotations about the middle of its bounds that map the vertices onto themselves, the identity first.
+    """Rotations about the middle of its bounds that map vertices and surface onto themselves, the identity first.
 
-    The 24 rotations of a cube are tried; a box of three different sides has 4 of them, a cube all.
+    The 24 rotations of a cube are tried; a box of three different sides has 4 of them, a cube all. A box without its
+    lid has the vertices of a whole one, but not the same moments of the surface.
     """
     points = structure.vertices
     low, high = structure.bounds
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     if len(points) > MAX_SYMMETRIC_VERTICES:
         return (Pose.identity(),)
-    found = []
+    found, moments = [], _surface_moments((points - middle) / size, structure.triangles)
     for R in _cube_rotations():
         moved = (points - middle) @ R.T + middle
         nearest = np.sqrt(((moved[:, None] - points[None]) ** 2).sum(axis=2)).min(axis=1)
-        if nearest.max() <= SYMMETRY_TOLERANCE * size:
+        away = np.abs(R @ moments.first - moments.first), np.abs(R @ moments.second @ R.T - moments.second)
+        if nearest.max() <= SYMMETRY_TOLERANCE * size and max(each.max() for each in away) <= SYMMETRY_TOLERANCE:
             found.append(Pose(R, middle - R @ middle))
     return tuple(found) or (Pose.identity(),)
+
+
+class Moments(NamedTuple):
+    """First moment (3,) and second moments (3, 3) of a surface of unit area."""
+
+    first: Array
+    second: Array
+
+
+def _surface_moments(points: Array, triangles: NDArray[np.int64]) -> Moments:
+    """Moments of triangles (m, 3) of points: integrals of x and of x x^T, exact for linear x over a triangle."""
+    corners = points[triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    part, total = area / area.sum(), corners.sum(axis=1)
+    squares = np.einsum("mci,mcj->mij", corners, corners) + np.einsum("mi,mj->mij", total, total)
+    return Moments(part @ total / 3, np.einsum("m,mij->ij", part, squares) / 12)
 
 
 def _cube_rotations() -> list[Array]:

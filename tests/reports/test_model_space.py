@@ -48,6 +48,19 @@ def test_the_symmetries_of_a_box_are_found() -> None:
     assert len(box_symmetries(cuboid(0.4, 0.4, 0.4))) == 24
 
 
+@pytest.mark.parametrize(("open_sides", "left"), [([2], 4), ([0], 4), ([0, 1], 8), ([0, 2], 2)])
+def test_a_cube_without_some_sides_is_symmetric_only_where_its_surface_is(open_sides: list[int], left: int) -> None:
+    """All have the vertices of a cube: about the axis of an open side, of two opposite ones, between two."""
+    whole = cuboid(0.4, 0.4, 0.4)
+    side = whole.triangle_face
+    assert len(np.unique(side)) == 6
+    normals = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
+    gone = [int(np.argmax(whole.face_normals @ normals[k])) for k in open_sides]
+    structure = Structure.from_mesh(whole.vertices, whole.triangles[~np.isin(side, gone)])
+    assert len(structure.vertices) == 8
+    assert len(box_symmetries(structure)) == left
+
+
 def test_a_half_turn_of_a_box_is_no_surface_error_but_an_add_error() -> None:
     structure = cuboid(0.3, 0.4, 0.5)
     symmetries = box_symmetries(structure)
