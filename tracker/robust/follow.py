@@ -10,6 +10,10 @@ from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array
 
+PINNED_SIGMA = 1e-4
+"""Standard deviation of a prediction by which a frame is matched as if nothing had moved from it, as a fraction of the
+range and in rad: less than a tenth of a pixel of an image 640 px wide."""
+
 
 class Follower:
     """Fits frames from their predictions."""
@@ -20,7 +24,9 @@ class Follower:
     def fit(self, frame: Frame, clock: StageClock) -> Fit:
         """The fit from the prediction, matched where this run's poses usually are.
 
-        Where that looks worse than usual, or is farther away, one not held there is made, and the likelier one counts.
+        Where that looks worse than usual, or is farther away, one not held there is made, and the likelier one counts;
+        and one matched at the prediction itself, which counts if it is clearly likelier: somebody who passes an edge
+        draws it along.
         """
         at, usual = frame.predicted, self.usual(frame)
         if usual is None:
@@ -30,7 +36,10 @@ class Follower:
         if held.finite and near and held.support >= self.state.usual_or_good():
             return held
         free = self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
-        return max(free, held, key=lambda each: self.worth(frame, each))
+        best = max(free, held, key=lambda each: self.worth(frame, each))
+        pinned = self.held(frame, isotropic_covariance(PINNED_SIGMA, self.state.range_m), clock)
+        least = self.worth(frame, best) + self.config.relocalization.lead_of_rivals
+        return pinned if self.worth(frame, pinned) > least else best
 
     def unrolled(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit; to the image of a rolling shutter one more, with the velocity that the first one tells.
