@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
+from uavbench.tracker.robust import decision
 from uavbench.tracker.robust.fit.learning import MIN_POINTS
 from uavbench.tracker.robust.found_edges import FoundEdges
 from uavbench.tracker.robust.tracker import Robust
@@ -80,6 +81,21 @@ def test_after_a_long_interval_and_without_memory_nothing_is_missed(run, flight)
     assert not run.decider.has_slid(frame._replace(extrapolated_s=run.config.slow_s), fit)
     run.decider.found_edges.forget()
     assert not run.decider.has_slid(frame, fit)
+
+
+def test_a_track_that_slid_has_to_find_more_again(run, flight, monkeypatch):
+    """Half-hidden edges: enough for a track that goes on, too few after a frame in which more were missing."""
+    frame, fit = fitted(run, hidden(flight.images[KNOWN]))
+    fit, missing = without_patches(fit), run.decider.found_edges.missing(fit)
+    monkeypatch.setattr(decision, "MOST_MISSING", 1.2 * missing)
+    monkeypatch.setattr(decision, "STILL_MISSING", 0.8 * missing)
+    assert not run.decider.has_slid(frame, fit)
+    monkeypatch.setattr(decision, "MOST_MISSING", 0.9 * missing)
+    assert run.decider.has_slid(frame, fit)
+    monkeypatch.setattr(decision, "MOST_MISSING", 1.2 * missing)
+    assert run.decider.has_slid(frame, fit)
+    assert not run.decider.has_slid(frame._replace(extrapolated_s=run.config.slow_s), fit)
+    assert not run.decider.has_slid(frame, fit), "poses that a search compared begin anew"
 
 
 def test_a_track_goes_on_by_the_next_frame_that_shows_its_edges(run, flight, monkeypatch):
