@@ -1,8 +1,8 @@
 """Comparison of closed-loop runs by tracker, rate and loop: success rates, and paired tests.
 
 Conventions: runs are compared in pairs on the same sequences and seeds: success by McNemar's exact test on the flights
-in which only one of the two succeeds, the path error by the paired bootstrap of `uavbench.reports.statistics` over the
-flights in which both succeed. p is adjusted by Holm over all pairs of a table.
+in which only one of the two succeeds, the path error by `uavbench.reports.statistics` (the larger p of the paired
+bootstrap and of Student's t) over the flights in which both succeed. p is adjusted by Holm over all pairs of a table.
 """
 
 from collections.abc import Sequence as ListOf

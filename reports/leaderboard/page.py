@@ -36,8 +36,9 @@ COLUMNS = (
 )
 CAPTION = (
     f"Score: {RULES}. Errors are RMSE over the frames that have a pose: read them with coverage; (k/n): k of n "
-    "sequences have one. Means over flights and seeds with 95 % intervals (bootstrap); n/a where they cannot be given. "
-    "*: better than every other submission at the 5 % level (paired by flight and seed, Holm)."
+    "sequences have one. Means over flights and seeds with 95 % intervals (bootstrap, widened by Student's t); n/a "
+    "where they cannot be given. *: better than every other submission at the 5 % level (paired by flight and seed, "
+    "Holm)."
 )
 
 

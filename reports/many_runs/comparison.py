@@ -125,7 +125,7 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
     text = (
         f"Truth: {many.truth['file']}, {many.truth['poses']} poses. Alignment: {record['align']}. Errors are RMSE over "
         f"the matched poses; RPE over {record['delta']:g} {record['unit']}; means over the runs with 95 % intervals "
-        "(bootstrap), sd: standard deviation over the runs"
+        "(bootstrap, widened by Student's t), sd: standard deviation over the runs"
     )
     straight = sum(bool(run.undetermined) for run in many.runs)
     if straight:

@@ -151,7 +151,10 @@ def _caption(
     if n == 1:
         text += "One run each: no interval can be given. "
     else:
-        text += f"Means over up to {n} runs with 95 % intervals (bootstrap over sequences, then seeds). "
+        text += (
+            f"Means over up to {n} runs with 95 % intervals (bootstrap over sequences, then seeds, "
+            "widened by Student's t). "
+        )
     reasons = dict.fromkeys(cell.why for _, cells in rows for cell in cells if cell.why)
     if reasons:
         text += f"n/a: no interval ({'; '.join(reasons)}). "
