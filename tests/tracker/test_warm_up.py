@@ -70,6 +70,27 @@ for k, image in enumerate(images):
 print(len(whole))
 """
 
+LOOKED_UP = """
+import sys
+import numpy as np
+import uavbench as ub
+from numba.core.registry import CPUDispatcher
+from tests.tracker.synthetic import CAMERA, box
+from uavbench.trajectories.pose import Pose
+
+with np.load(sys.argv[1]) as flight:
+    images, first = flight["images"], flight["first"]
+run = ub.start("robust", box(), CAMERA, Pose(first[:3, :3], first[:3, 3]))
+known, unknown = CPUDispatcher.typeof_pyval, []
+def heard(kernel, value):
+    unknown.append(f"{kernel.py_func.__name__}: {type(value).__name__}")
+    return known(kernel, value)
+CPUDispatcher.typeof_pyval = heard
+for k, image in enumerate(images):
+    run.track(image, k * 66_666_667)
+print(*unknown, sep="\\n")
+"""
+
 
 @pytest.fixture(scope="module")
 def flight_file(tmp_path_factory):
@@ -98,6 +119,13 @@ def test_no_frame_waits_for_the_garbage_of_what_was_imported(flight_file):
     code = [sys.executable, "-c", COLLECTED, str(flight_file)]
     done = subprocess.run(code, capture_output=True, text=True, check=True, env=environment)
     assert done.stdout == "0\n"
+
+
+def test_no_frame_waits_for_what_its_arguments_are_looked_up(flight_file):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    code = [sys.executable, "-c", LOOKED_UP, str(flight_file)]
+    done = subprocess.run(code, capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout == "\n"
 
 
 def test_a_started_tracker_has_all_its_kernels_and_they_take_no_other_types():

@@ -16,6 +16,7 @@ from uavbench.tracker.robust.follow import Follower
 from uavbench.tracker.robust.frames import Frame, Frames
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.preprocessing.masking import Masking
+from uavbench.tracker.robust.rehearsal import rehearse
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -33,6 +34,7 @@ class Robust:
         """Start a run from an initial pose; StartError for inputs of another type, and when that pose is none."""
         first = check_start(structure, camera, cam_from_world, rng)
         prepare(__name__)
+        rehearse(begun)
         return RobustRun(structure, camera, first, rng, self.config)
 
 
@@ -114,6 +116,11 @@ class RobustRun:
             inliers=fit.inliers,
             log10_nfa=fit.log10_false_alarms(HYPOTHESES),
         )
+
+
+def begun(structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+    """A run with the config that is used by default."""
+    return RobustRun(structure, camera, cam_from_world, rng, RobustConfig())
 
 
 def undecided(decision: Decision, frame: Frame, clock: StageClock) -> TrackResult:
