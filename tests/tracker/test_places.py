@@ -13,6 +13,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.places.descriptor_kernels import nearest_two
 from uavbench.tracker.robust.places.features import (
     MOST_LANDMARKS,
     Features,
@@ -172,6 +173,21 @@ def test_of_two_features_alike_neither_is_a_match(camera):
     assert len(matched(Landmarks(np.zeros((1, 3)), look), twins, camera).points) == 0
     other = Features(twins.pixels, np.concatenate([look, ~look]))
     assert len(matched(Landmarks(np.zeros((1, 3)), look), other, camera).points) == 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 40), others=st.integers(2, 40), alike=st.booleans())
+def test_the_nearest_two_descriptors_are_those_of_opencv(seed, count, others, alike):
+    rng = np.random.default_rng(seed)
+    a, b = (rng.integers(0, 256, (n, 32), dtype=np.uint8) for n in (count, others))
+    if alike:
+        b[rng.integers(others)] = a[0]
+        b[rng.integers(others)] = ~a[-1]
+    found = nearest_two(a.view(np.uint64), np.ascontiguousarray(b.view(np.uint64).T))
+    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(a, b, k=2)
+    assert found.first.tolist() == [best.distance for best, _ in pairs]
+    assert found.second.tolist() == [second.distance for _, second in pairs]
+    assert found.row.tolist() == [best.trainIdx for best, _ in pairs]
 
 
 @pytest.mark.parametrize("change", [(0, 20, 0), (0, -25, 0), (12, 0, 0), (0, 0, 30)], ids=str)

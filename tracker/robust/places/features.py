@@ -10,6 +10,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.patches.corner_kernels import first_hits
+from uavbench.tracker.robust.places.descriptor_kernels import nearest_two
 from uavbench.trajectories.pose import Array, Pose
 
 MOST = 1000
@@ -18,6 +19,11 @@ MOST_LANDMARKS = 500
 """Landmarks of a place, for the same reason."""
 LEAST_CORNER_GREY = 5
 """Contrast of the weakest corner, grey levels: a little more than the largest noise that is not smoothed."""
+LEVELS, SMALLER = 4, 2.0**0.5
+"""Images in which corners are sought, each so many times smaller than the one before: 2.8 times in all. Of 278 pairs of
+frames of 20 flights 188 poses are found so, and 178 with 8 images that are 1.2 times smaller, which take 1.4 to 1.6
+times as long.
+"""
 MOST_RATIO = 0.85
 """Distance of a match over that of the second nearest feature. Lowe (2004) takes 0.8 for features of another kind."""
 NO_DESCRIPTORS = np.zeros((0, 32), dtype=np.uint8)
@@ -58,7 +64,7 @@ NO_MATCHES = Matches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
 
 def features_of(image: Image, camera: Camera) -> Features:
     """The features of a grey image (h, w) of a camera, which may have been reduced; their pixels are the camera's."""
-    detector = cv2.ORB.create(nfeatures=MOST, fastThreshold=LEAST_CORNER_GREY)
+    detector = cv2.ORB.create(MOST, scaleFactor=SMALLER, nlevels=LEVELS, fastThreshold=LEAST_CORNER_GREY)
     corners, descriptors = detector.detectAndCompute(image, None)
     scale = np.array([camera.width, camera.height]) / image.shape[::-1]
     pixels = (np.array([corner.pt for corner in corners]).reshape(-1, 2) + 0.5) * scale - 0.5
@@ -81,9 +87,9 @@ def matched(landmarks: Landmarks, features: Features, camera: Camera) -> Matches
     """The landmarks that are clearly most like one of the features."""
     if not len(landmarks.points) or len(features.pixels) < 2:
         return NO_MATCHES
-    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(landmarks.descriptors, features.descriptors, k=2)
-    ratio = np.array([(best.distance + 1.0) / (second.distance + 1.0) for best, second in pairs])
-    which = np.array([best.trainIdx for best, _ in pairs])
+    others = np.ascontiguousarray(features.descriptors.view(np.uint64).T)
+    first, second, which = nearest_two(landmarks.descriptors.view(np.uint64), others)
+    ratio = (first + 1.0) / (second + 1.0)
     clear = ratio < MOST_RATIO
     rays = camera.rays(features.pixels[which[clear]])
     return Matches(landmarks.points[clear], rays[:, :2] / rays[:, 2:], ratio[clear])

@@ -35,6 +35,18 @@ class MatchedPose(NamedTuple):
     cost: float
 
 
+@compiled("pose f1 f1 f1", inner=True, pose=RIGID_MOTION)
+def error_of(pose: RigidMotion, point: Array, seen: Array, limits: Array) -> float:
+    """Squared error of a match in units of its limit; inf where it is nearer than its least depth: see `add_match`."""
+    R, t, limit, least = pose.R, pose.t, limits[0], limits[1]
+    z = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]
+    if not z > least:
+        return np.inf
+    du = seen[0] - (R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]) / z
+    dv = seen[1] - (R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]) / z
+    return float((du * du + dv * dv) / (limit * limit))
+
+
 @compiled("pose f1 f1 f1 f2! f1!", inner=True, pose=RIGID_MOTION)
 def add_match(pose: RigidMotion, point: Array, seen: Array, limits: Array, A: Array, b: Array) -> float:
     """Add a match, weighed by Tukey's biweight, to the normal equations (A, b), in place.
@@ -70,9 +82,9 @@ def solve_damped(A: Array, b: Array, x: Array) -> None:
 @compiled("pose f2 f2 f1 f0", inner=True, pose=RIGID_MOTION)
 def cost_of(pose: RigidMotion, points: Array, seen: Array, limits: Array, most: float) -> float:
     """Sum of the squared errors of matches in units of their limit, each at most 1; it ends above `most`."""
-    A, b, cost, row = np.zeros((6, 6)), np.zeros(6), 0.0, 0
+    cost, row = 0.0, 0
     while row < len(points) and cost < most:
-        error = add_match(pose, points[row], seen[row], limits, A, b)
+        error = error_of(pose, points[row], seen[row], limits)
         cost += error if error < 1.0 else 1.0
         row += 1
     return cost

@@ -29,7 +29,8 @@ MOST_PLACES = 64
 MOST_TRIED = 3
 """Places whose landmarks are matched: the last one, and those that look most like an image."""
 INLIER_PX = 4.0
-"""Distance within which a match agrees with a pose: a pixel in the coarsest of ORB's images, 3.6 times smaller."""
+"""Distance within which a match agrees with a pose: a little more than a pixel in the coarsest of the images in which
+corners are sought."""
 
 
 @dataclass
