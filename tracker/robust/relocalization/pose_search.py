@@ -6,6 +6,7 @@ matching: Shotton, Blake & Cipolla 2008).
 """
 
 import math
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
@@ -110,6 +111,14 @@ def grid(half: float, step: float) -> tuple[float, ...]:
     return tuple(float(v) for v in np.linspace(-half, half, 2 * n + 1)) if n else (0.0,)
 
 
+@cache
+def spread_over(count: int) -> Indices:
+    """An order of so many points along a line in which any leading subset is spread over all of it."""
+    order = np.argsort(np.arange(count) * GOLDEN % 1.0)
+    order.flags.writeable = False
+    return order
+
+
 def whole(shifts: list[tuple[float, ...]]) -> Indices:
     """Shifts (s, 2) rounded to whole px."""
     return np.round(shifts).astype(np.int64)
@@ -128,6 +137,8 @@ class PoseSearch:
         self.f[2:] -= 0.5
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
         self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
+        step_px = float(self.config.truncation_px)
+        self.around = whole(list(product((0.0, -step_px, step_px), repeat=2)))
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
         self.masked = self._masked(camera)
         self.view = _wide_view(self.camera)
@@ -224,9 +235,7 @@ class PoseSearch:
 
     def again(self, target: Target, candidate: Candidate) -> Scored:
         """A candidate scored in another image, shifted by no more than a step."""
-        step = self.config.truncation_px
-        shifts = whole(list(product((0.0, -step, step), repeat=2)))
-        found = self.scored(target._replace(shift_cost=0.0), candidate.pose, candidate.seen, STILL, shifts)
+        found = self.scored(target._replace(shift_cost=0.0), candidate.pose, candidate.seen, STILL, self.around)
         cost = candidate.cost
         candidates = [each._replace(score=each.score - cost, cost=cost) for each in found.candidates]
         return found._replace(candidates=candidates)
@@ -268,16 +277,10 @@ class PoseSearch:
         ]
         return Scored(candidates, found.evaluations, len(changes))
 
-    def pixels(self, R: Array, t: Array, points: Array) -> Array:
-        """Pixels (k, n, 2) of points (n, 3) in the small image, at poses (k, 3, 3) and (k, 3)."""
-        cam = points @ R.transpose(0, 2, 1) + t[:, None]
-        out: Array = cam[..., :2] / cam[..., 2:] * self.f[:2] + self.f[2:]
-        return out
-
     def seen(self, pose: RigidMotion) -> SeenEdges:
         """Points on the edges visible at a pose, in the image and its margin; any leading subset covers all of them."""
         points = sample_edges(self.edges, self.view.to(pose.R, pose.t), SPACING_PX, EDGE_POINTS)
-        spread_out = np.argsort(np.arange(len(points.points)) * GOLDEN % 1.0)
+        spread_out = spread_over(len(points.points))
         places = points.points[spread_out]
         focus = places.mean(axis=0) if len(places) else np.zeros(3)
         return SeenEdges(places, self.edges.directions(points.keys[spread_out, EDGE]), focus)

@@ -119,6 +119,30 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     return se3_exp_left(turned.R, turned.t, shift)
 
 
+@compiled("f2 f1 f1 f1 f1!", inner=True)
+def project_to(R: Array, t: Array, f: Array, point: Array, px: Array) -> None:
+    """Write the pixel px (2,) of a point (3,) at a pose (R, t)."""
+    z = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]
+    for i in range(2):
+        px[i] = (R[i, 0] * point[0] + R[i, 1] * point[1] + R[i, 2] * point[2] + t[i]) / z * f[i] + f[2 + i]
+
+
+@compiled("f2 pose f3 f2 camera f0", pose=RIGID_MOTION, camera=SMALL_CAMERA)
+def seen_alike(
+    points: Array, pose: RigidMotion, R: Array, t: Array, camera: SmallCamera, step_px: float
+) -> NDArray[np.bool_]:
+    """Mask (k,) of the poses R (k, 3, 3), t (k, 3) at which no point (n, 3) is a step or more from where a pose has it,
+    in each coordinate.
+    """
+    alike, there, at = np.ones(len(R), np.bool_), np.empty(2), np.empty(2)
+    for p in range(len(points)):
+        project_to(pose.R, pose.t, camera.f, points[p], there)
+        for k in range(len(R)):
+            project_to(R[k], t[k], camera.f, points[p], at)
+            alike[k] &= abs(at[0] - there[0]) < step_px and abs(at[1] - there[1]) < step_px
+    return alike
+
+
 @compiled("seen f2 f1", inner=True, seen=SEEN_EDGES)
 def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
     """The centre (3,) of the visible points, in the frame of a camera at (R, t)."""

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uavbench.tracker.geometry_kernels import RigidMotion, squared_mahalanobis
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
+from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import Candidate
 from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.trajectories.pose import Array, Pose
@@ -87,11 +89,11 @@ class Ranking:
         self.config = config
         self.likely = sought.likely or [Likely(Motion(sought.guesses[0], sought.covariance))]
         near = [*(each.predicted.cam_from_world for each in self.likely), *sought.recalled]
-        self.from_near = [pose.inverse() for pose in near]
+        self.near = [motion(pose) for pose in near]
         self.fits: list[Fit] = []
         self.credits: dict[Fit, float] = {}
         self.range_m, self.lost = sought.range_m, sought.lost
-        self.information = np.linalg.inv(sought.covariance)
+        self.covariance = np.ascontiguousarray(sought.covariance)
         self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
         self.score = self.first = -np.inf
         if sought.first is not None and sought.first.finite:
@@ -103,14 +105,13 @@ class Ranking:
         """Advantage of the best fit over the given one; inf without one."""
         return self.score - self.first
 
-    def chi2(self, pose: Pose) -> float:
+    def chi2(self, pose: RigidMotion) -> float:
         """Squared Mahalanobis distance of a pose from the nearest likely or recalled one."""
-        away = np.array([(pose @ inverse).log() for inverse in self.from_near])
-        return float(np.einsum("ki,ij,kj->k", away, self.information, away).min())
+        return min(squared_mahalanobis(*near, *pose, self.covariance) for near in self.near)
 
     def weighed(self, candidate: Candidate) -> Candidate:
         """A candidate, its score reduced by the log-probability of its pose."""
-        cost = self.config.sigma_cost * self.chi2(Pose(*candidate.pose))
+        cost = self.config.sigma_cost * self.chi2(candidate.pose)
         return candidate._replace(score=candidate.score + candidate.cost - cost, cost=cost)
 
     def add(self, fit: Fit) -> None:
@@ -119,7 +120,7 @@ class Ranking:
             return
         self.fits.append(fit)
         found = self.config.found_support * float(np.log1p(fit.found))
-        score = believed_support(fit) + found - self.config.sigma_cost * self.chi2(fit.cam_from_world)
+        score = believed_support(fit) + found - self.config.sigma_cost * self.chi2(motion(fit.cam_from_world))
         if score > self.score:
             self.top, self.score = fit, score
 

@@ -146,7 +146,7 @@ class Rivals:
         worth = [ranking.worth(ranking.compared(fit), fit.cam_from_world) for fit in fits]
         least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
-        ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
+        ranking.choose(min(contending, key=lambda fit: ranking.chi2(motion(fit.cam_from_world))))
 
     def of(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
         """Untried poses at which the structure looks as at the best fit, most likely first."""
@@ -169,7 +169,7 @@ class Rivals:
         places = [
             RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
         ]
-        chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
+        chi2 = np.array([ranking.chi2(place) for place in places])
         found: list[RigidMotion] = []
         known = tried.rivals.added(pose)
         least = ranking.outdone

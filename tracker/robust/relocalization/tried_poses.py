@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, PoseStack
 from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch
+from uavbench.tracker.robust.relocalization.pose_search_kernels import seen_alike
 from uavbench.trajectories.pose import Array
 
 COMPARED = 12
@@ -58,7 +59,5 @@ class TriedPoses:
 
     def within_reach(self, pose: RigidMotion, poses: PoseStack) -> NDArray[np.bool_]:
         """Mask (k,) of the poses from which a fit reaches a pose: no edge point moves by a step of shifts or more."""
-        points, step = self.seen[:COMPARED], self.searcher.config.truncation_px
-        there = self.searcher.pixels(pose.R[None], pose.t[None], points)
-        at = self.searcher.pixels(poses.R, poses.t, points)
-        return np.asarray((np.abs(at - there) < step).all(axis=(1, 2)))
+        step_px = float(self.searcher.config.truncation_px)
+        return seen_alike(self.seen[:COMPARED], pose, poses.R, poses.t, self.searcher.camera, step_px)
