@@ -1,11 +1,12 @@
 """The picking page in headless Chromium: corners chosen and clicked, the pose solved, the file saved."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.bench.test_pick import served
+from tests.bench.test_pick import post, served
 from tests.reports.browser import browser
 from uavbench.bench.pick.server import Picking
 from uavbench.bench.trial.check import TRIAL
@@ -53,6 +54,31 @@ def test_five_clicks_make_a_first_pose(tmp_path):
         assert page.problems == []
     difference = (read_init(picking.out, sequence.camera) @ pose.inverse()).log()
     assert np.linalg.norm(difference[:3]) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [1, 2])
+def test_the_corners_of_the_image_on_the_screen_are_those_of_its_pixels(tmp_path, ratio):
+    """As of an image that is larger than the page, where a border of 1 px is several pixels wide."""
+    sequence = Sequence.load(TRIAL)
+    camera = replace(sequence.camera, width=4000, height=3000)
+    white = np.full((camera.height, camera.width, 3), 255, dtype=np.uint8)
+    picking = Picking(white, camera, sequence.structure, tmp_path / "init.toml")
+    with served(picking) as address, browser() as page:
+        page.call("Emulation.setDeviceMetricsOverride", width=1200, height=900, deviceScaleFactor=ratio, mobile=False)
+        page.call("Page.navigate", url=address)
+        page.until("document.readyState === 'complete' && photo.complete")
+        page.until("document.querySelector('#told').textContent")
+        border = page.value("['Left', 'Top', 'Right', 'Bottom'].map(s => getComputedStyle(image)[`border${s}Width`])")
+        left, top, right, bottom = (float(width.removesuffix("px")) for width in border)
+        corners = page.value(
+            f"(b => [place({{clientX: b.left + {left}, clientY: b.top + {top}}}), "
+            f"place({{clientX: b.right - {right}, clientY: b.bottom - {bottom}}})])(image.getBoundingClientRect())"
+        )
+        pixels = sequence.camera.project(sequence.true_cam_from_world(0).transform(picking.corners))
+        pairs = [{"corner": k, "image_px": pixels[k].tolist()} for k in range(5)]
+        post(address, "save", pairs)  # the server ends with it
+    assert np.abs(np.array(corners) - [[-0.5, -0.5], [3999.5, 2999.5]]).max() < 0.01
 
 
 class Slow(Picking):
