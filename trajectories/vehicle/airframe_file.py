@@ -1,8 +1,10 @@
 """Airframes read from a user's own file."""
 
+import json
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -97,7 +99,15 @@ def _from_toml(text: str) -> Crazyflie:
         if key not in names:
             raise unknown_name("key", key, names)
     try:
-        return TypeAdapter(kind).validate_python(table)
+        return TypeAdapter(kind).validate_json(
+            json.dumps(table, default=str)
+        )  # of which arrays are tuples, even strictly
     except ValidationError as error:
-        messages = (f"{'.'.join(map(str, e['loc']))}: {e['msg']}".removeprefix(": ") for e in error.errors())
-        raise UserError("; ".join(text.removeprefix("Value error, ") for text in messages)) from None
+        raise UserError("; ".join(map(_told, error.errors()))) from None
+
+
+def _told(error: Any) -> str:
+    """What is wrong with which key, and with which of its numbers."""
+    path, got = ".".join(map(str, error["loc"])), error["input"]
+    shown = "" if isinstance(got, dict | list) else f", got {got!r}"
+    return f"{path}: {error['msg']}{shown}" if path else str(error["msg"]).removeprefix("Value error, ")

@@ -3,7 +3,7 @@
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -12,6 +12,8 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 
 Positive = Annotated[float, Gt(0)]
+STRICT: Any = {"strict": True, "allow_inf_nan": False}
+"""As tables of a suite: neither texts nor booleans are numbers."""
 Sign = Literal[-1, 1]
 Planar = tuple[float, float]
 Triple = tuple[float, float, float]
@@ -36,6 +38,8 @@ class Crazyflie:
     that of the sphere that must stay clear of everything. ValueError unless min_thrust_n is below max_thrust_n, and
     for moments of inertia that no body has.
     """
+
+    __pydantic_config__ = STRICT
 
     mass_kg: Positive = 0.027
     inertia_kg_m2: tuple[Positive, Positive, Positive] = (1.657e-5, 1.666e-5, 2.926e-5)

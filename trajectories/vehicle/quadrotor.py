@@ -96,6 +96,8 @@ class Quadrotor:
         if np.ptp(ranges, axis=0).max() > 0 or not 0 <= ranges[0, 0] < ranges[0, 1]:
             raise UserError("an airframe's actuators need one common ctrlrange, from 0 or more newtons upward")
         allocation = np.column_stack(rows)
+        if not np.isfinite(allocation).all():
+            raise UserError("an airframe's rotors need finite places, and finite torques per newton of thrust")
         if np.linalg.matrix_rank(allocation) < 4:
             raise UserError(
                 "an airframe's four rotors must reach thrust, roll, pitch and yaw independently: "
