@@ -25,9 +25,15 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec, flight_s: float = ENDLESS_S) 
     """Names of the sequence's sensors that the filter uses; UserError when position or velocity is unobservable.
 
     flight_s: duration of the flight, once it is known, which `time_limit_s` may end earlier; GNSS that is denied for as
-    long holds nothing.
+    long holds nothing, and an outage that begins later denies none.
     """
     flight_s = min(flight_s, loop.time_limit_s or ENDLESS_S)
+    for first, last in loop.gnss_outages_s:
+        if first >= flight_s:
+            raise UserError(
+                f"sequence {spec.name}: gnss_outages_s: [{first:g}, {last:g}] begins after the end of the flight, "
+                f"which takes {flight_s:.4g} s; give it in seconds since the start, or leave it out"
+            )
     there = named(spec.sensors)
     wanted = (CAMERA, *there) if loop.sensors is None else loop.sensors
     for name in wanted:

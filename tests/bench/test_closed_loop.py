@@ -426,6 +426,17 @@ def test_gnss_that_is_denied_during_the_whole_flight_holds_nothing(outages, refu
         assert len(flown(spec, Watching(), **loop).results) > 5
 
 
+@pytest.mark.parametrize("limit_s", [None, 0.5])
+def test_an_outage_that_begins_after_the_flight_is_refused(limit_s):
+    """It denies nothing, and the flight would count as one with an outage."""
+    spec, loop = box(sensors=(Imu(), Gnss())), {"time_limit_s": limit_s, "gnss_outages_s": ((0.1, 0.2), (0.5, 60.0))}
+    if limit_s is None:
+        assert len(flown(spec, Watching(), **loop).results) > 5
+        loop["gnss_outages_s"] = ((600.0, 700.0),)
+    with pytest.raises(UserError, match=r"gnss_outages_s: \[\d.*\] begins after the end of the flight, which takes"):
+        flown(spec, Watching(), **loop)
+
+
 @pytest.mark.parametrize(("sensors", "rate_hz", "told"), [
     ((Imu(), Barometer(rate_hz=0.01)), 15.0, r"sensors\[1\], baro: rate_hz 0.01: one reading takes 100 s, and the fli"),
     ((Imu(rate_hz=1e12),), 15.0, r"sensors\[0\], imu: at rate_hz 1e\+12 it would have"),
