@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import given_path
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -37,8 +38,9 @@ def load_scores(folder: str | Path) -> "DataFrame":
     """
     from uavbench.reports.scoring.score_frame import FIRST, score_frame
 
-    scores = [read_json(path) for path in score_files(Path(folder))]
-    frame = score_frame([*scores, *_missing(Path(folder), scores)])
+    folder = given_path("folder", folder)
+    scores = [read_json(path) for path in score_files(folder)]
+    frame = score_frame([*scores, *_missing(folder, scores)])
     return frame.sort_values(list(FIRST[:5]), ignore_index=True)
 
 
@@ -54,8 +56,9 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
     """
     from uavbench.reports.scoring.runs import ReportEntry, open_runs
 
-    files = score_files(Path(folder))
-    sequences = Path(folder) / "sequences"
+    folder = given_path("folder", folder)
+    files = score_files(folder)
+    sequences = folder / "sequences"
     return open_runs([ReportEntry(sequences / file.parents[1].name, file.parent, file) for file in files])
 
 

@@ -128,7 +128,13 @@ class Camera:
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> "Camera":
-        """Distortion-free camera with square pixels, its principal point in the middle of the image."""
+        """Distortion-free camera with square pixels, its principal point in the middle of the image.
+
+        ValueError unless the angle lies between 0 and 180 degrees.
+        """
+        given: Any = horizontal_deg
+        if isinstance(given, bool) or not isinstance(given, Real) or not 0 < float(given) < 180:
+            raise ValueError(f"horizontal_deg = {horizontal_deg!r}: must be an angle between 0 and 180 degrees")
         f = 0.5 * width / np.tan(np.radians(horizontal_deg) / 2)
         return cls(width, height, float(f), float(f), (width - 1) / 2, (height - 1) / 2)
 

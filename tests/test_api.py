@@ -153,6 +153,45 @@ def test_a_mistake_names_the_side_and_what_is_wrong(given, told):
         ub.evaluate(curve(), given)
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("delta", "1"), ("delta", True), ("delta", [1]), ("delta", 1j), ("t_offset_s", "0"), ("t_offset_s", True),
+        ("max_difference_s", "0.1"), ("all_pairs", "no"), ("ignore_frames", "no"), ("mode", 1), ("mode", ["evo"]),
+        ("mount", 1), ("plot", 1), ("reference_format", 1), ("align", 1), ("unit", ["s"]),
+    ],
+)  # fmt: skip
+def test_an_option_of_another_type_is_named(option, value):
+    with pytest.raises(ub.UserError, match=rf"^(unknown )?{option} "):
+        ub.evaluate(curve(), curve(), **{option: value})
+
+
+def test_options_that_are_none_have_their_defaults(tmp_path):
+    given = {"mode": None, "t_offset_s": None, "ignore_frames": None, "delta": 10**30, "plot": str(tmp_path / "a.png")}
+    found = ub.evaluate(curve(), curve(), **given)
+    assert found.record["mode"] == "uavbench" and found.rpe is None and (tmp_path / "a.png").is_file()
+
+
+@pytest.mark.parametrize("value", [1, None, b"out", ["out"]])
+@pytest.mark.parametrize("name", ["open_sequence", "load_scores", "load_runs", "render"])
+def test_a_folder_or_a_suite_that_is_no_path_is_named(name, value):
+    with pytest.raises(ub.UserError, match=r"^(folder|suite) = .*: must be a path"):
+        getattr(ub, name)(value)
+
+
+def test_sequences_that_are_no_table_are_told():
+    with pytest.raises(ub.UserError, match="sequences"):
+        ub.render({"sequences": 1})
+    with pytest.raises(ub.UserError, match=r"^out = 1: must be a path"):
+        ub.render("tiny", out=1)
+
+
+@pytest.mark.parametrize("angle", [0, 180, 200, -10, float("nan"), "90", None, True])
+def test_an_angle_that_no_camera_has_is_refused(angle):
+    with pytest.raises(ValueError, match=r"horizontal_deg = .*: must be an angle between 0 and 180"):
+        ub.Camera.from_field_of_view(640, 480, angle)
+
+
 def test_errors_pose_by_pose_and_their_drawing():
     found = ub.evaluate(curve(), curve() + np.array([0, 0.3, 0, 0, 0, 0, 0, 0]))
     table = found.frames()

@@ -20,6 +20,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import given_path
 
 NOT_RENDERED: dict[str, Any] = {"title": "Sequences of a script", "trackers": {"hold": {"kind": "hold"}}}
 """Required keys of a suite besides its sequences, for suites of which only these are rendered."""
@@ -45,7 +46,7 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
     [(48, 64, 3), (48, 64, 3)]
     """
     checked = _suite(suite)
-    folder = resolved(Path(out) if out is not None else Path("out") / checked.name)
+    folder = resolved(given_path("out", out) if out is not None else Path("out") / checked.name)
     planned = partial(plan, checked, folder, last="render")
     jobs = planned()
     pool: AbstractContextManager[Any] = local_pool(workers) if workers > 1 else nullcontext((InProcess(), None))
@@ -72,16 +73,21 @@ class InProcess(Executor):
 
 def _suite(given: str | Path | Mapping[str, Any]) -> Suite:
     if not isinstance(given, Mapping):
-        return load_suite(suite_file(str(given)))
+        return load_suite(suite_file(str(given_path("suite", given))))
     usual_hz = {"sequences": SequenceSpec.rate_hz, "recordings": RecordingSpec.rate_hz}
     rates = [
         table.get("rate_hz", usual_hz[kind])
         for kind in usual_hz
-        for table in dict(given.get(kind, {})).values()
+        for table in _tables(given.get(kind))
         if isinstance(table, Mapping)
     ]
     data = {**NOT_RENDERED, "rates_hz": [_common_rate(rates)], **given}
     return suite_of(data, plugins_named(data, DICT), DICT)
+
+
+def _tables(given: Any) -> list[Any]:
+    """Tables of `sequences` or `recordings`; what is none is left to the suite's validation."""
+    return list(given.values()) if isinstance(given, Mapping) else []
 
 
 def _common_rate(rates_hz: list[Any]) -> float:

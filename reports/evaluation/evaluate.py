@@ -2,7 +2,6 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
 from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
@@ -11,6 +10,7 @@ from uavbench.reports.evaluation.frames import in_one_frame
 from uavbench.reports.evaluation.options import OWN_MODE, EvaluateOptions, Options, chosen_options
 from uavbench.reports.evaluation.trajectory_input import Given, found_in, name_of
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import given_path
 from uavbench.trajectories.trajectory import Trajectory
 
 
@@ -21,7 +21,8 @@ def evaluate_files(reference: Given, estimate: Given, **options: Unpack[Evaluate
     stamps (KITTI) are paired row by row. UserError for an unreadable file or an invalid option, and for two files that
     declare different frames, unless ignore_frames is set, which treats differently named frames as one.
     """
-    chosen, plot = chosen_options(options), options.get("plot")
+    chosen, drawn = chosen_options(options), options.get("plot")
+    plot = None if drawn is None else given_path("plot", drawn)
     if plot is not None and plot.suffix not in (".pdf", ".png"):
         raise UserError(f"{plot}: a plot is written as .pdf or .png")
     if plot is not None:
@@ -53,7 +54,7 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
     """Evaluation of two trajectories already read; options: mount, ignore_frames, and the mode for the record."""
     first, second, mount = reference.found, estimate.found, options.get("mount")
     if not options.get("ignore_frames"):
-        second = in_one_frame(first, second, None if mount is None else Path(mount), chosen.align)
+        second = in_one_frame(first, second, None if mount is None else given_path("mount", mount), chosen.align)
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):
         if chosen.offset_s:
@@ -62,7 +63,7 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
                 f"{chosen.offset_s:g} s could shift; leave it out"
             )
         p, q = paired_by_row(reference, estimate)
-    files = {"mode": options.get("mode", OWN_MODE), "reference": _about(first), "estimate": _about(second)}
+    files = {"mode": options.get("mode") or OWN_MODE, "reference": _about(first), "estimate": _about(second)}
     try:
         return evaluate(p, q, chosen, files, second.covariances, second.asked_ns if first.stamped else None)
     except UserError as error:

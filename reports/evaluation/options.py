@@ -1,17 +1,20 @@
 """Options of an evaluation: a mode is a set of defaults that reproduces a known tool; given options override it."""
 
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
-from typing import Literal, TypedDict, TypeVar
+from typing import Any, Literal, TypedDict, TypeVar
 
 from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.association import Association
 from uavbench.reports.metrics.rpe import PairInterval, Unit
-from uavbench.trajectories.errors import refuse_other, unknown_name
+from uavbench.trajectories.errors import UserError, refuse_other, unknown_name
 
 Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
 Segments = Literal["none", "kitti", "rpg"]
 OWN_MODE: Mode = "uavbench"
+NUMBERS, FLAGS = ("max_difference_s", "t_offset_s", "delta"), ("all_pairs", "ignore_frames")
+TEXTS = ("reference_format", "estimate_format")
 T = TypeVar("T")
 
 
@@ -55,33 +58,34 @@ class EvaluateOptions(TypedDict, total=False):
     align: Alignment | None
     association: Association | None
     max_difference_s: float | None
-    t_offset_s: float
+    t_offset_s: float | None
     delta: float | None
     unit: Unit | None
     all_pairs: bool | None
     pairs_from: Literal["reference", "estimate"] | None
-    mode: Mode
+    mode: Mode | None
     reference_format: str | None
     estimate_format: str | None
     mount: str | Path | None
-    ignore_frames: bool
-    plot: Path | None
+    ignore_frames: bool | None
+    plot: str | Path | None
 
 
 def chosen_options(given: EvaluateOptions) -> Options:
     """The given options, completed by the defaults of the mode; UserError for an unknown option or value."""
-    for name in given:
+    for name, value in given.items():
         if name not in EvaluateOptions.__annotations__:
             raise unknown_name("option", name, list(EvaluateOptions.__annotations__))
-    mode = given.get("mode", OWN_MODE)
-    if mode not in MODES:
-        raise unknown_name("mode", mode, list(MODES))
+        if value is not None and (wanted := _wanted(name, value)):
+            raise UserError(f"{name} = {value!r}: must be {wanted}")
+    mode = _given(given.get("mode"), OWN_MODE)
+    refuse_other("mode", mode, Mode)
     preset = MODES[mode]
     return Options(
         align=_given(given.get("align"), preset.align),
         association=_given(given.get("association"), preset.association),
         max_difference_s=_given(given.get("max_difference_s"), preset.max_difference_s),
-        offset_s=given.get("t_offset_s", 0.0),
+        offset_s=_given(given.get("t_offset_s"), preset.offset_s),
         interval=PairInterval(
             _given(given.get("delta"), preset.interval.delta),
             _given(given.get("unit"), preset.interval.unit),
@@ -90,6 +94,15 @@ def chosen_options(given: EvaluateOptions) -> Options:
         ),
         segments=preset.segments,
     )
+
+
+def _wanted(name: str, value: Any) -> str:
+    """What an option takes in place of a value of another type; "" for one of its type."""
+    if name in NUMBERS and (isinstance(value, bool) or not isinstance(value, Real)):
+        return f"a number, as in {name} = 0.5"
+    if name in FLAGS and not isinstance(value, bool):
+        return "True or False"
+    return "the name of a format" if name in TEXTS and not isinstance(value, str) else ""
 
 
 def _given(value: T | None, default: T) -> T:

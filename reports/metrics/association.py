@@ -82,7 +82,7 @@ def match(
     pose of the shorter trajectory (the estimate when equal) is matched to the nearest stamp of the longer, which may be
     used many times.
     """
-    if not (max_difference_s >= 0 and np.isfinite(offset_s)):
+    if not (max_difference_s >= 0 and abs(offset_s) < np.inf):
         raise UserError(f"max_difference_s = {max_difference_s}, offset_s = {offset_s}: must be finite, the first >= 0")
     if method == "one-to-one":
         a, b = one_to_one(reference.stamps_ns / NS, estimate.stamps_ns / NS + offset_s, max_difference_s)

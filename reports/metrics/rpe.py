@@ -42,7 +42,7 @@ class PairInterval:
     def __post_init__(self) -> None:
         refuse_other("unit", self.unit, Unit)
         refuse_other("pairs_from", self.pairs_from, Side)
-        if not (self.delta > 0 and np.isfinite(self.delta)):
+        if not 0 < self.delta < np.inf:
             raise UserError(f"delta = {self.delta}: must be positive")
         if self.unit == "frames" and self.delta != int(self.delta):
             raise UserError(f"delta = {self.delta:g} frames: must be a whole number of frames")

@@ -42,7 +42,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import IMAGE
 from uavbench.trajectories.files.listed import Marker
-from uavbench.trajectories.files.reading import read_bytes
+from uavbench.trajectories.files.reading import given_path, read_bytes
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -325,4 +325,4 @@ def open_sequence(folder: str | Path) -> Sequence:
     >>> [frame.image.shape == (240, 320, 3) for frame in sequence][:2], len(sequence.ground_truth) == len(sequence)
     ([True, True], True)
     """
-    return Sequence.load(Path(folder))
+    return Sequence.load(given_path("folder", folder))

@@ -55,6 +55,13 @@ def opened(
     return handle
 
 
+def given_path(key: str, value: Any) -> Path:
+    """Path that a script gave as an argument; UserError naming the argument when it is none."""
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
+        raise UserError(f"{key} = {value!r}: must be a path")
+    return Path(value)
+
+
 def read_bytes(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: str = "") -> bytes:
     """Content of a file; UserError as `opened`."""
     with opened(path, limit, inside=inside, hint=hint) as handle:
