@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.image_files import load_image, open_video
+from uavbench.scenes.image_files import SUFFIXES, is_shown, load_image, open_video
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file
 from uavbench.trajectories.pose import Array
 
 Model = Literal["none", "radtan", "equidistant"]
-IMAGE_KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 MOST_VIEWS = 60
 FEWEST_VIEWS = 4
 CALIBRATION = "calibration of a camera"
@@ -180,12 +179,12 @@ def _solve(
 def _pictures(sources: Sequence[Path], bits: int) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     for source in sources:
         if source.is_dir():
-            files = sorted(p for p in source.rglob("*") if p.suffix.lower() in IMAGE_KINDS)
+            files = sorted(p for p in source.rglob("*") if p.suffix.lower() in SUFFIXES and is_shown(p, source))
             if not files:
-                raise UserError(f"{source}: has no pictures ({', '.join(IMAGE_KINDS)})")
+                raise UserError(f"{source}: has no pictures ({', '.join(SUFFIXES)})")
             step = max(1, len(files) // MOST_VIEWS)
             yield from ((str(p), _read(p, bits)) for p in files[::step])
-        elif source.suffix.lower() in IMAGE_KINDS:
+        elif source.suffix.lower() in SUFFIXES:
             yield str(source), _read(source, bits)
         else:
             yield from _video(source)

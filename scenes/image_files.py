@@ -22,6 +22,8 @@ from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
 KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
 """Accepted image formats by Pillow's names; PPM includes PGM and PBM."""
 TEXTURES = (*KINDS, "TGA")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
+"""Ends of the names of a folder's images."""
 ORIENTATION = 0x0112
 """Tag of Exif."""
 LIKE = 1.01
@@ -42,6 +44,11 @@ VIDEOS = {
     "Ogg": (0, b"OggS"),
 }
 """Magic bytes of video files, with their offset. Playlists are not accepted: they may name any other file."""
+
+
+def is_shown(path: Path, folder: Path) -> bool:
+    """Whether neither a file nor a folder above it, up to `folder`, is hidden, as `._0.png` of macOS and thumbnails."""
+    return not any(part.startswith(".") for part in path.relative_to(folder).parts)
 
 
 def load_image(

@@ -81,6 +81,14 @@ def test_pictures_without_a_board_are_told(tmp_path: Path) -> None:
         calibrate([tmp_path], (7, 8), 0.025)
 
 
+def test_hidden_files_are_no_pictures(tmp_path: Path) -> None:
+    (tmp_path / ".thumbnails").mkdir()
+    for name in ("a.png", "._a.png", ".thumbnails/a.png", "b.pgm"):
+        cv2.imwrite(str(tmp_path / name), np.full((240, 320), 90, dtype=np.uint8))
+    with pytest.raises(UserError, match="only 0 of 2 pictures"):
+        calibrate([tmp_path], (7, 8), 0.025)
+
+
 def test_mixed_sizes_and_missing_files_are_told(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((240, 320), 90, dtype=np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), np.full((240, 300), 90, dtype=np.uint8))

@@ -92,6 +92,13 @@ def test_images_of_every_kind_that_can_be_read_are_taken(tmp_path):
     assert [path.name for path in in_order(tmp_path)] == names
 
 
+def test_hidden_files_are_no_images(tmp_path):
+    """As macOS writes them beside each image on disks of other systems."""
+    for name in ("1.png", "._1.png", "2.png", ".2.png"):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == ["1.png", "2.png"]
+
+
 def test_two_files_of_one_image_are_refused():
     refuse_twins(named("1.png", "01.png", "2.jpg"))
     with pytest.raises(UserError, match=r"flight: has 1\.jpg and 1\.png, which would count as two images; keep"):

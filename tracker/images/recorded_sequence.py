@@ -18,13 +18,13 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.verify import write_manifest
-from uavbench.scenes.image_files import is_plain, read_image
+from uavbench.scenes.image_files import SUFFIXES, is_plain, read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
 from uavbench.tracker.images.model_size import doubts_of_size
-from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, RATES_HZ, in_order, load_model
+from uavbench.tracker.images.track_images import RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
@@ -194,6 +194,6 @@ def images_in(folder: Path) -> tuple[Path, ...]:
     except OSError as error:
         raise UserError(f"{folder}: not a readable folder: {error.strerror}") from None
     if not found:
-        raise UserError(f"{folder}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
+        raise UserError(f"{folder}: no images ({', '.join(SUFFIXES)}) in it")
     refuse_twins(found)
     return tuple(found)

@@ -9,7 +9,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.verify import file_hash
-from uavbench.scenes.image_files import finish_video, open_video, read_image
+from uavbench.scenes.image_files import SUFFIXES, finish_video, is_shown, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
@@ -31,7 +31,6 @@ from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 UNKNOWN_BODY = Body(Pose.identity(), {})
 """Mounting of the camera, which is unknown for real images."""
 SHOWN_HZ = (0.1, 1000.0)
@@ -93,7 +92,7 @@ def track_images(
             writer.write(draw_edges(image, structure, lens, result))
         finish_video(writer, new / "overlay.mp4", len(rows))
         if not rows:
-            raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
+            raise UserError(f"{source}: no images ({', '.join(SUFFIXES)}) in it")
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
@@ -139,8 +138,8 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[
 
 
 def in_order(folder: Path) -> list[Path]:
-    """Images of a folder sorted by name, with numbers and seconds compared by value: 9.png before 10.png."""
-    images = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    """Images of a folder, without hidden ones, sorted by name: numbers and seconds by value, 9.png before 10.png."""
+    images = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and is_shown(path, folder)]
     seconds = in_seconds(images)
     return sorted(images, key=lambda path: (by_numbers(path.name, seconds), path.name))
 
