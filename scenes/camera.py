@@ -29,6 +29,8 @@ WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
 """Most sides of the image, in focal lengths: 175 degrees of a pinhole, 360 degrees of an equidistant fisheye."""
 LEAST_ROUND_TRIP_PX = 0.5
 """Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
+FOLDED_PX = 0.1
+"""Distance in px from its pixel's ray, from which on a point is seen nowhere: the distortion folds over before it."""
 SHARES, FEWEST_PX = (0.3, 0.7), 16
 """Where a principal point given in shares of the image's size is, and the side of an image from which it is none in px.
 
@@ -181,6 +183,17 @@ class Camera:
             return _pixels(cv2.fisheye.undistortPoints(points, self.K, self.coefficients, P=self.K))
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         return _pixels(cv2.undistortPoints(points, self.K, self.coefficients, P=self.K, criteria=criteria))
+
+    def in_image(self, points_cam_m: Array) -> NDArray[np.bool_]:
+        """Which points (n, 3) in the camera frame, z > 0, are in the image; none of those beyond a fold of the lens."""
+        pixels = self.project(points_cam_m)
+        within = (pixels >= -0.5) & (pixels < [self.width - 0.5, self.height - 0.5])
+        inside: NDArray[np.bool_] = np.asarray(within.all(axis=1))
+        straight = self.without_distortion.project(points_cam_m[inside])
+        with np.errstate(invalid="ignore"):
+            off_px = np.abs(self.undistort(pixels[inside]) - straight).max(axis=1, initial=0.0)
+        inside[inside] = off_px < FOLDED_PX
+        return inside
 
     def rays(self, pixels: Array) -> Array:
         """Rays (n, 3) in the camera frame, z = 1, through pixels (n, 2) of this camera."""

@@ -63,8 +63,7 @@ def sees(
     rows = np.flatnonzero((in_cam[:, 2] > 0.01) & (min(camera.fx, camera.fy) * facing / distance >= px_m))
     if not len(rows):
         return out
-    pixels = camera.without_distortion.project(in_cam[rows])
-    rows = rows[((pixels >= -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])).all(axis=1)]
+    rows = rows[camera.in_image(in_cam[rows])]
     if len(rows):
         met = obstacles.ray(np.tile(centre, (len(rows), 1)), -towards[rows] / distance[rows, None])
         out[rows] = met >= distance[rows] - TOUCHING_M

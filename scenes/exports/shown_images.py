@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera import FOLDED_PX, Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.surfaces.annotation_images import annotation_file
 from uavbench.scenes.image_files import image_of
@@ -21,8 +21,6 @@ from uavbench.trajectories.trajectory import Trajectory
 
 OUTSIDE = -1e4
 """Sampling position of a pixel outside the field of view of the lens."""
-ROUND_TRIP_PX = 0.1
-"""Round-trip error in px beyond which the distortion folds over, so that a pixel has no unique source."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +90,7 @@ class Shown:
         rays = np.column_stack([(pixels - [lens.cx, lens.cy]) / [lens.fx, lens.fy], np.ones(len(pixels))])
         places = lens.project(rays)
         with np.errstate(invalid="ignore"):
-            known = np.abs(lens.undistort(places) - pixels).max(axis=1) < ROUND_TRIP_PX
+            known = np.abs(lens.undistort(places) - pixels).max(axis=1) < FOLDED_PX
         places[~known] = OUTSIDE
         return places.reshape(lens.height, lens.width, 2).astype(np.float32)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.exports.shown_images import ROUND_TRIP_PX, Shown
+from uavbench.scenes.exports.shown_images import Shown
 from uavbench.scenes.hidden_lines import unhidden
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array
@@ -52,13 +52,9 @@ class OnSurface:
         rows = np.flatnonzero(towards & (in_camera[:, 2] > NEAR_M))
         if not len(rows):
             return Seen(rows, np.zeros((0, 2)))
+        rows = rows[camera.in_image(in_camera[rows])]
         pixels = camera.project(in_camera[rows])
-        inside = ((pixels > -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])).all(axis=1)
-        rows, pixels = rows[inside], pixels[inside]
-        straight = camera.without_distortion.project(in_camera[rows])
-        with np.errstate(invalid="ignore"):
-            unfolded = np.abs(camera.undistort(pixels) - straight).max(axis=1, initial=0.0) < ROUND_TRIP_PX
-        clear = unfolded & unhidden(shown.sequence.structure, eye, self.points_m[rows])
+        clear = unhidden(shown.sequence.structure, eye, self.points_m[rows])
         if (mask := shown.mask(frame)) is not None:
             column, row = np.rint(pixels).astype(int).T
             clear &= mask[row, column]

@@ -81,6 +81,22 @@ def test_only_what_lies_within_the_image_is_seen():
     assert coverage(CUBE, CAMERA, [looking_along_x(-1.5)], 1.0) == pytest.approx(expected.mean(), abs=1e-9)
 
 
+@pytest.mark.parametrize(("model", "coefficients"), [("equidistant", (0.0,) * 4), ("radtan", (-0.3, 0.0, 0.0, 0.0))])
+def test_a_lens_shows_what_is_in_its_own_image(model, coefficients):
+    """Both see more than a pinhole of their focal length; the second folds over at a tangent of 1.05."""
+    points, normals = surface_points(CUBE)
+    camera = Camera(80, 60, 60.0, 60.0, 39.5, 29.5, model, coefficients)
+    right, down = -points[:, 1] / 0.7, (1.0 - points[:, 2]) / 0.7
+    tangent = np.hypot(right, down)
+    radius = np.arctan(tangent) if model == "equidistant" else tangent * (1 - 0.3 * tangent**2)
+    reached = (60 * np.abs(np.column_stack([right, down])) * (radius / tangent)[:, None] < [40.0, 30.0]).all(axis=1)
+    reached &= (model == "equidistant") | (tangent < np.sqrt(1 / 0.9))
+    facing = normals @ [-1.0, 0, 0] > 0.5
+    expected = float((reached & facing).mean())
+    assert expected > 1.1 * float(((60 * np.abs(right) < 40) & (60 * np.abs(down) < 30) & facing).mean())
+    assert coverage(CUBE, camera, [looking_along_x(-1.7)], 1.0) == pytest.approx(expected, abs=1e-9)
+
+
 def test_a_sheet_is_seen_from_its_front_alone():
     corners = np.array([[0.0, -1, 0], [0.0, 1, 0], [0.0, 1, 2], [0.0, -1, 2]])
     for triangles, seen in (([[0, 2, 1], [0, 3, 2]], 1.0), ([[0, 1, 2], [0, 2, 3]], 0.0)):
