@@ -21,12 +21,15 @@ from uavbench.tracker.robust.work import Work
 from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, Pose
 
 LEAST_SPAN_PX = 4.0
 """Least width or height of a model's edges in the first image: smaller ones are no more than a point."""
 MOST_MISSED_PART = 0.03
 """Largest distance of a picked point from its pixel in image diagonals: 24 px at 640 x 480; clicks err by a few."""
+MOST_BESIDE_PART = 0.1
+"""Largest distance of a picked point from the model in its sizes: one that was measured in another frame is farther."""
 PICKED_POINTS = 5
 """Number of points picked in the first image (Shang & Shen)."""
 
@@ -145,9 +148,9 @@ def read_init(path: Path, camera: Camera, structure: Structure | None = None) ->
     """cam_from_model of an `init.toml`; UserError naming the file and the invalid key.
 
     It holds `cam_from_model`, four rows of four, or `points`, a list of {model_m = [x, y, z], image_px = [u, v]}. Where
-    the structure is given, a pose at which its edges are not in the image is an error.
+    the structure is given, points beside it are an error, and so is a pose at which its edges are not in the image.
     """
-    pose = _read_pose(path, camera)
+    pose = _read_pose(path, camera, structure)
     if structure is None:
         return pose
     segments_px = visible_edges(structure, camera, pose).segments_px.reshape(-1, 2)
@@ -161,7 +164,7 @@ def read_init(path: Path, camera: Camera, structure: Structure | None = None) ->
     return pose
 
 
-def _read_pose(path: Path, camera: Camera) -> Pose:
+def _read_pose(path: Path, camera: Camera, structure: Structure | None) -> Pose:
     values = read_toml(path)
     if set(values) == {"cam_from_model"}:
         try:
@@ -177,6 +180,8 @@ def _read_pose(path: Path, camera: Camera) -> Pose:
         raise UserError(f"{path}: points: each takes model_m = [x, y, z] and image_px = [u, v]") from None
     if not (np.isfinite(points).all() and np.isfinite(pixels).all() and len(points) == len(pixels)):
         raise UserError(f"{path}: points: numbers must be finite")
+    if structure is not None and len(points):
+        _refuse_points_beside(path, points, structure)
     try:
         pose = pose_from_points(points, pixels, camera)
     except UserError as error:
@@ -189,3 +194,14 @@ def _read_pose(path: Path, camera: Camera) -> Pose:
             "check which corner each pixel belongs to, and the camera"
         )
     return pose
+
+
+def _refuse_points_beside(path: Path, points_m: Array, structure: Structure) -> None:
+    """UserError for points (n, 3) that are not of the model: to PnP all frames of them are alike."""
+    beside_m = ObstacleMesh(structure.vertices, structure.triangles).distance(points_m)
+    if beside_m.max() > MOST_BESIDE_PART * float(np.ptp(structure.bounds, axis=0).max()):
+        worst = int(np.argmax(beside_m))
+        raise UserError(
+            f"{path}: points: points[{worst}] is {beside_m[worst]:.3g} m beside the model; give points of the model in "
+            "metres, with its origin and axes; glTF is turned to z up: (x, y, z) of its file is (x, -z, y) here"
+        )

@@ -125,6 +125,33 @@ def test_picked_points_that_no_pose_fits_are_named(tmp_path, shift_px, good):
             read_init(path, CAMERA)
 
 
+@pytest.mark.parametrize(
+    ("axes", "origin_m", "good"),
+    [
+        (np.eye(3), (0.0, 0.0, 0.0), True),
+        (np.eye(3), (0.01, 0.0, 0.0), True),
+        (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), (0.0, 0.0, 0.0), False),
+        (np.eye(3), (0.0, 0.0, 0.5), False),
+    ],
+)
+def test_points_of_another_frame_than_the_models_are_named(tmp_path, axes, origin_m, good):
+    """A pose fits them as well, and with it the model is drawn elsewhere."""
+    path = tmp_path / "init.toml"
+    corners = BOX.vertices[[0, 1, 2, 4, 5, 7]]
+    pixels = CAMERA.project(POSES[0].transform(corners))
+    rows = [
+        f"{{model_m = {p}, image_px = {q}}}"
+        for p, q in zip((corners @ axes.T + origin_m).tolist(), pixels.tolist(), strict=True)
+    ]
+    path.write_text("points = [" + ", ".join(rows) + "]\n")
+    read_init(path, CAMERA)
+    if good:
+        read_init(path, CAMERA, BOX)
+    else:
+        with pytest.raises(UserError, match=r"init\.toml: points: points\[\d\] is .* m beside the model; .*glTF"):
+            read_init(path, CAMERA, BOX)
+
+
 GL = np.diag([1.0, -1.0, -1.0, 1.0])
 MM = np.array([[1, 1, 1, 1000.0]] * 3 + [[1, 1, 1, 1]])
 

@@ -117,7 +117,7 @@ def _doubts(source: Path | BagTopic, images: Iterable[StampedImage], rate_hz: fl
 
 
 def load_model(path: Path) -> Structure:
-    """Structure of a model file in the file's own frame and in metres; UserError naming the file."""
+    """Structure of a model file in metres, with its origin; z up, to which glTF is turned. UserError naming it."""
     from uavbench.scenes.model_files.mesh_file import (
         MeshFile,  # lazy: a vehicle with a ready structure does not need the readers
     )
