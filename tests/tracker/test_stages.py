@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, look_at
+from uavbench.scenes.camera import Camera
 from uavbench.tracker.shang_shen.control_points import control_points
 from uavbench.tracker.shang_shen.edge_search import Candidates, search_edge_pixels, search_gradient, search_segments
 from uavbench.tracker.shang_shen.hypotheses import best_set, ransac
 from uavbench.tracker.shang_shen.pose_update import normal_jacobian, prior_information, update_pose
-from uavbench.tracker.shang_shen.segments import detect_edge_pixels, detect_segments, grey
+from uavbench.tracker.shang_shen.segments import detect_edge_pixels, detect_segments, grey, undistort_segments
 from uavbench.tracker.visible_edges import pinhole, visible_edges
 from uavbench.trajectories.pose import Pose
 
@@ -123,3 +124,16 @@ def test_best_set_takes_the_nearest_candidate():
     matches = best_set(distances, np.array([-1.5, 0.0, 0.0]), 2.0)
     assert matches.distances[0] == -2.0
     assert matches.inlier.tolist() == [True, False, False]
+
+
+def test_segments_that_no_ray_reaches_are_left_out():
+    """In the corners of a fisheye's image, beyond 90 degrees; those were mirrored to the other side."""
+    coefficients = (0.0034823894, 0.0007150348, -0.0020532361, 0.00020293673)
+    camera = Camera(512, 512, 190.97, 190.97, 254.93, 256.89, "equidistant", coefficients)
+    middle, corner = [200.0, 250.0, 230.0, 251.0], [0.0, 0.0, 20.0, 20.0]
+    found = undistort_segments(np.array([corner, middle, [*middle[:2], *corner[:2]]]), camera)
+    x, y = (np.array(middle).reshape(2, 2) - [camera.cx, camera.cy]).T
+    theta = np.hypot(x, y) / camera.fx
+    assert found.shape == (1, 4)
+    expected = np.column_stack([x, y]) * (np.tan(theta) / theta)[:, None] + [camera.cx, camera.cy]
+    np.testing.assert_allclose(found.reshape(2, 2), expected, atol=0.1)

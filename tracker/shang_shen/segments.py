@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera import FOLDED_PX, Camera
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.pose import Array
 
@@ -40,8 +40,17 @@ def detect_segments(gray: Image, min_length_px: float = MIN_SEGMENT_PX) -> Array
 
 
 def undistort_segments(segments: Array, camera: Camera) -> Array:
-    """Segments (n, 4) in the undistorted image."""
-    return camera.undistort(segments.reshape(-1, 2)).reshape(-1, 4) if len(segments) else segments
+    """Segments (k, 4) in the undistorted image, without those of pixels that no ray in front of the camera reaches.
+
+    So are corners of the image of a fisheye of 180 degrees and more, which OpenCV undistorts to the other side.
+    """
+    if camera.distortion_model == "none" or not len(segments):
+        return segments
+    ends = segments.reshape(-1, 2)
+    flat = camera.undistort(ends)
+    off_px = np.abs(camera.project(camera.without_distortion.rays(flat)) - ends).max(axis=1)
+    reached = (off_px < FOLDED_PX).reshape(-1, 2).all(axis=1)
+    return np.asarray(flat.reshape(-1, 4)[reached])
 
 
 def detect_edge_pixels(gray: Image, low: float = CANNY_LOW, high: float = CANNY_HIGH) -> NDArray[np.uint8]:
