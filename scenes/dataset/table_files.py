@@ -15,7 +15,7 @@ from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.tables import Readings, integers, named_rows, numbers, readings
 from uavbench.trajectories.pose import Array
 
-FORMAT = 8
+FORMAT = 9
 """Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
 
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
@@ -27,6 +27,7 @@ the nearest facet; hills, ground and plants of a site.
 7: a point is hidden where a surface is before its own place; skies that are overcast, or have a low sun.
 8: the plants of a site, and the ripples of its river; distant hills; clouds at the ends of their tile;
 shadows of scenes of more than 20 m; with distortion, depth, masks, flow and normals of thin faces and at the sky.
+9: rows of a rolling shutter that see beyond the render and its margin.
 """
 OF_A_SEQUENCE = ("sequence.json", "manifest.json")
 """JSON files of a sequence's folder."""

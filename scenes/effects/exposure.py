@@ -1,11 +1,13 @@
 """Effects of the shutter: motion blur and rolling shutter."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Annotated, ClassVar, NamedTuple
 
 import cv2
 import numpy as np
 from annotated_types import Gt, Interval
+from numpy.typing import NDArray
 
 from uavbench.scenes.rendering.camera_simulator import (
     MAX_SLICES,
@@ -23,13 +25,17 @@ from uavbench.scenes.rendering.pixel_kernels import row_places
 from uavbench.scenes.rendering.radiance import Radiance
 from uavbench.trajectories.pose import Array
 
+LEAST_ROWS = 8
+"""Rows that are always taken from one view: within so few of them hardly anything moves."""
+
 
 @dataclass(frozen=True)
 class RollingShutter:
     """Rolling shutter: rows are exposed one after another; the exposure of the middle row is centred on the stamp.
 
     readout_ms is the time from the first row to the last. One render at the middle of the frame is warped by its depth
-    to the pose of each row; a pixel that mixes two depths moves with the nearer one.
+    to the pose of each row; a pixel that mixes two depths moves with the nearer one. Rows that see beyond that render
+    and its margin have one of their own, at their own middle, and so on.
     """
 
     readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0
@@ -44,34 +50,51 @@ class RollingShutter:
 
         knots, share = row_knots(height)
 
-        def places(view: View, at_ns: int) -> Map:
+        def places(view: View, rows: slice, at_ns: int) -> Map:
             world_from_view = view.cam_from_world.inverse()
             known = [(source.cam_from_world(int(at_ns + late_ns[k])) @ world_from_view).matrix[:3] for k in knots]
-            return moved_rows(source, view, np.einsum("rk,kij->rij", share, np.array(known)))
+            return moved_rows(source, view, rows, np.einsum("rk,kij->rij", share[rows], np.array(known)))
+
+        def add_rows(rows: slice, start_ns: int, end_ns: int, slices: int, out: Radiance) -> None:
+            late = round(((rows.start + rows.stop) / 2 - height / 2) * delay_ns)
+            view = source.render((start_ns + end_ns) // 2 + late)
+            first = places(view, rows, start_ns)
+            last = first if start_ns == end_ns else places(view, rows, end_ns)
+            taps = 1 if last is first else max(2, int(np.ceil(float(np.abs(last - first).max()) * 1.25 + 0.2)))
+            held = _held(view, first) & _held(view, last)
+            held[len(held) // 2] = True  # the view is from its own pose: so fewer rows remain each time
+            light = light_of(view.color)
+            for a, b in pairwise([0, *(np.flatnonzero(np.diff(held)) + 1).tolist(), len(held)]):
+                run = slice(rows.start + a, rows.start + b)
+                if not held[a] and len(held) > LEAST_ROWS:
+                    add_rows(run, start_ns, end_ns, slices, out)
+                    continue
+                for tap in range(taps):
+                    part = np.float32((tap + 0.5) / taps)
+                    seen = sample(light, first[a:b] + part * (last[a:b] - first[a:b]))
+                    add(seen, 1 / (slices * taps), out[run])
 
         def expose(start_ns: int, end_ns: int) -> Radiance:
             out = np.zeros((height, source.camera.width, 3), dtype=np.float32)
-            view = source.render((start_ns + end_ns) // 2)
             slices = 1
             if end_ns > start_ns:
+                view = source.render((start_ns + end_ns) // 2)
                 flow = flow_between(
                     view, source.pinhole, source.cam_from_world(start_ns), source.cam_from_world(end_ns)
                 )
                 slices = max(1, min(MAX_SLICES, int(np.ceil(float(np.abs(flow).max()) / SLICE_PX))))
+            cuts = [start_ns + (end_ns - start_ns) * k // slices for k in range(slices + 1)]
             for k in range(slices):
-                a = start_ns + (end_ns - start_ns) * k // slices
-                b = start_ns + (end_ns - start_ns) * (k + 1) // slices
-                seen = view if slices == 1 else source.render((a + b) // 2)
-                light = light_of(seen.color)
-                first = places(seen, a)
-                last = first if a == b else places(seen, b)
-                taps = 1 if a == b else max(2, int(np.ceil(float(np.abs(last - first).max()) * 1.25 + 0.2)))
-                for tap in range(taps):
-                    share = np.float32((tap + 0.5) / taps)
-                    add(sample(light, first + share * (last - first)), 1 / (slices * taps), out)
+                add_rows(slice(0, height), cuts[k], cuts[k + 1], slices, out)
             return out
 
         return replace(source, expose=expose, image=lambda t: expose(t, t), row_delay_ns=delay_ns)
+
+
+def _held(view: View, places: Map) -> NDArray[np.bool_]:
+    """Whether all places of each row (h, w, 2), px, are within the image of a view."""
+    height, width = view.depth.shape
+    return np.asarray(((places >= 0) & (places <= (width - 1, height - 1))).all(axis=(1, 2)))
 
 
 class RowKnots(NamedTuple):
@@ -91,15 +114,16 @@ def row_knots(height: int) -> RowKnots:
     return RowKnots(knots, share)
 
 
-def moved_rows(source: CameraSimulator, view: View, rows: Array) -> Map:
-    """Sampling positions (h, w, 2) in the view, px, of each pixel; rows (h, 3, 4) are `row_camera_from_view`."""
-    base = source.lens if source.lens is not None else pixel_grid(source.camera.width, source.camera.height)
+def moved_rows(source: CameraSimulator, view: View, rows: slice, row_camera_from_view: Array) -> Map:
+    """Sampling positions (n, w, 2) in the view, px, of the pixels of n rows with the poses (n, 3, 4)."""
+    whole = source.lens if source.lens is not None else pixel_grid(source.camera.width, source.camera.height)
+    base = whole[rows]
     nearness = np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0)
     nearness = np.asarray(cv2.dilate(nearness, np.ones((3, 3), dtype=np.uint8)))  # mixed pixels go with the nearer
     nearest = np.asarray(cv2.dilate(nearness, np.ones((9, 9), dtype=np.uint8)), dtype=np.float32)
     out = np.empty_like(base)
     pinhole = source.pinhole
-    row_places(nearness, nearest, base, (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy), rows, out)
+    row_places(nearness, nearest, base, (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy), row_camera_from_view, out)
     return out
 
 

@@ -79,6 +79,25 @@ def test_a_rolling_shutter_equals_a_render_of_every_row_at_its_own_pose(rate: fl
     assert np.abs(error.reshape(-1, 20).mean(axis=1)).max() < 0.1
 
 
+@pytest.mark.parametrize("exposure_ms", [0.0, 4.0])
+def test_rows_that_see_beyond_the_render_and_its_margin_are_not_smeared(exposure_ms: float) -> None:
+    """The first and the last row of a fast turn are 45 px away from the middle one; the margin has 24."""
+    path = turning(3.0, roll_rad_s=2.0)
+    pinhole, lens = render_camera(SMALL, RollingShutter.margin_px)
+    fence = [white_box((2.0, y, -9.0), (2.0001, y + 0.1, 9.0)) for y in np.arange(-6.0, 6.0, 0.3)]
+    with Renderer(tuple(fence), FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
+        source = ideal_camera(renderer, SMALL, pinhole, lens, path)
+        rolled = RollingShutter(readout_ms=200.0).start(source, rng())
+        half_ns = round(exposure_ms * 5e5)
+        image = rolled.expose(-half_ns, half_ns)
+        rows = []
+        for row in range(120):
+            at_ns = round((row - 59.5) * rolled.row_delay_ns)
+            rows.append(source.expose(at_ns - half_ns, at_ns + half_ns)[row])
+    off = np.abs(image - np.array(rows)).max(axis=2)
+    assert off.max() < 0.5
+
+
 def test_a_near_thing_hides_the_far_one_in_a_rolling_shutter() -> None:
     """Parallax: a near pole before a bright wall, seen while flying sideways."""
     path = turning(0.0, 1.5)
