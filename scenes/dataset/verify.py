@@ -84,12 +84,15 @@ def verify(folder: Path) -> Verdict:
 def compare(folder: Path, again: Path) -> Verdict:
     """Compare a folder with another rendering of the same config.
 
-    By hash first. Where frames differ (another Mesa or CPU), by tolerance: at most TOLERANCE_LEVELS grey levels on at
-    least TOLERANCE_SHARE of the pixels. Of two GL drivers, what they render of the ground truth, too: on as many pixels
-    the same mask, normal and flow, and a depth within a unit and DEPTH_SHARE; EDGE_SHARE of the edges. All else must be
-    byte-identical. Of two formats nothing more is compared.
+    Each folder against its own manifest first: of one that has changed, nothing more is compared. Then by hash. Where
+    frames differ (another Mesa or CPU), by tolerance: at most TOLERANCE_LEVELS grey levels on at least TOLERANCE_SHARE
+    of the pixels. Of two GL drivers, what they render of the ground truth, too: on as many pixels the same mask, normal
+    and flow, and a depth within a unit and DEPTH_SHARE; EDGE_SHARE of the edges. All else must be byte-identical. Of
+    two formats nothing more is compared.
     """
     first, second = _manifest(folder), _manifest(again)
+    if changed := (*verify(folder).problems, *(f"{again}: {problem}" for problem in verify(again).problems)):
+        return Verdict(folder, "hash", len(first), changed)
     if (one := _format(folder)) != (other := _format(again)):
         problem = f"sequence.json: is of format {one}, the other of format {other}, whose bytes differ; render it again"
         return Verdict(folder, "hash", len(first), (problem,))

@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -244,6 +245,16 @@ def changed(path: Path, pixels: int, by: int) -> None:
     assert image is not None
     image[len(image) // 2, :pixels] += np.asarray(by, dtype=image.dtype)
     cv2.imwrite(str(path), image)
+
+
+def test_a_folder_that_changed_is_not_the_rendering_that_its_manifest_names(sequence: Sequence, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(sequence.folder, again)
+    (again / "imu.csv").unlink()
+    (again / "groundtruth.csv").write_text("changed\n", encoding="utf-8")
+    told = ("imu.csv: is missing", "groundtruth.csv: has changed since it was rendered")
+    assert sorted(compare(again, sequence.folder).problems) == sorted(told)
+    assert sorted(compare(sequence.folder, again).problems) == sorted(f"{again}: {each}" for each in told)
 
 
 @pytest.mark.parametrize(
