@@ -65,7 +65,7 @@ class AutoExposure:
                 return None
             target_gain = float(np.clip(self.target / max(float(seen.mean()), 1e-6), 1 / self.reach, self.reach))
             gain = state.get("gain", target_gain)
-            passed_s = (stamp_ns - state.get("stamp_ns", stamp_ns)) * 1e-9
+            passed_s = max(stamp_ns - state.get("stamp_ns", stamp_ns), 0) * 1e-9  # a field may precede the last frame
             follow = 1 - np.exp(-passed_s / self.lag_s) if self.lag_s > 0 else 1.0
             gain *= (state.get("target_gain", target_gain) / gain) ** follow
             state.update(gain=gain, target_gain=target_gain, stamp_ns=stamp_ns)

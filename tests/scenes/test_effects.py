@@ -250,6 +250,18 @@ def test_exposure_follows_the_light_with_its_time_constant() -> None:
     assert means[2_950_000_000] == pytest.approx(0.2, rel=0.01)
 
 
+@pytest.mark.parametrize("lag_s", [1e-4, 0.4])
+def test_exposure_follows_the_light_where_a_field_precedes_the_frame_before(lag_s: float) -> None:
+    """At 100 Hz the first field of a frame is 7 ms older than the whole frame before."""
+    dimming = giving(lambda t: np.full((120, 160, 3), 0.3 - 0.1e-9 * t, dtype=np.float32))
+    link = AnalogLink(jitter_px=0.0, bursts_per_frame=0.0, dropouts_per_frame=0.0, snow=0.0, sharpness_px=0.0)
+    exposed = link.start(AutoExposure(target=0.2, lag_s=lag_s).start(dimming, rng()), rng())
+    for stamp in range(0, 500_000_000, 10_000_000):
+        image = exposed.image(stamp)
+        assert image is not None
+        np.testing.assert_allclose([image[::2].mean(), image[1::2].mean()], 0.2, rtol=0.2)
+
+
 def test_quantization_leaves_its_levels() -> None:
     ramp = giving(lambda _: np.linspace(0, 1, 57600, dtype=np.float32).reshape(120, 160, 3))
     image = Quantization(bits=4).start(ramp, rng()).image(0)
