@@ -376,3 +376,20 @@ def test_times_beside_images_are_told_unless_they_are_those_of_the_rate(files, t
             assert doubts == []
         else:
             assert f"{name.rpartition('/')[2]}: seems to hold the times of the images, which are not read" in doubts[0]
+
+
+@pytest.mark.parametrize(
+    ("head", "row"), [("stamp_ns,file", "{ns},{file}"), ("frame,stamp_ns,file", "{k},{ns},{file}")]
+)
+def test_stamps_of_frames_that_a_link_dropped_are_told(files, tmp_path, head, row):
+    (tmp_path / "frames").mkdir()
+    for path in in_order(files / "images"):
+        (tmp_path / "frames" / path.name).write_bytes(path.read_bytes())
+    for steps in (range(6), (0, 1, 3, 4, 5, 7)):
+        rows = [row.format(k=k, ns=step * 10**8, file=f"frames/{k:06d}.png") for k, step in enumerate(steps)]
+        (tmp_path / "frames.csv").write_text("\n".join([head, *rows]) + "\n")
+        doubts = held(files, tmp_path / "frames", tmp_path / "out").record["doubts"]
+        assert len(doubts) == (steps[-1] > 5), doubts
+    assert "frames.csv: seems to hold the times of the images, which are not read" in doubts[0]
+    (tmp_path / "frames.csv").write_text("frame,stamp_ns,status\n0,0,ok\n1,500000000,ok\n")  # of a tracker's results
+    assert held(files, tmp_path / "frames", tmp_path / "out").record["doubts"] == []

@@ -9,18 +9,21 @@ from uavbench.tracker.images.image_names import UNITS, fits
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_text
+from uavbench.trajectories.files.tables import column_names, integers
 
 TIMES = ("data.csv", "rgb.txt", "times.txt", "timestamps.txt", "times.csv", "timestamps.csv")
 """Names in EuRoC, TUM RGB-D, KITTI odometry, KITTI raw and of one's own: beside the images, or beside their folder."""
+OWN = "frames.csv"
+"""Name in uavbench's sequences, job folders and challenges, which has the columns OWN_COLUMNS."""
+OWN_COLUMNS = ("stamp_ns", "file")
 FIRST_NUMBER = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s*(?:[,;\s]|$)", re.MULTILINE | re.IGNORECASE)
 """The number that a line begins with; dates are none."""
 
 
 def doubts_of_times(images: Path, rate_hz: float) -> list[str]:
     """Message on a file of times beside a folder of images, unless its times are 1 / rate_hz apart."""
-    found = [
-        path for folder in (images, images.resolve().parent) for name in TIMES if (path := folder / name).is_file()
-    ]
+    folders = (images, images.resolve().parent)
+    found = [path for folder in folders for name in (OWN, *TIMES) if _has_times(path := folder / name)]
     return [
         f"{path}: seems to hold the times of the images, which are not read: the images are taken 1 / {rate_hz:g} s "
         "apart; correct the rate, or give a video or a bag with these times"
@@ -29,10 +32,21 @@ def doubts_of_times(images: Path, rate_hz: float) -> list[str]:
     ]
 
 
+def _has_times(path: Path) -> bool:
+    """Whether there is such a file; one named OWN has its columns, unlike the results of a tracker."""
+    try:
+        return path.is_file() and (path.name != OWN or set(OWN_COLUMNS) <= set(column_names(path, TABLE)))
+    except UserError:
+        return False
+
+
 def _is_told(path: Path, rate_hz: float) -> bool:
     """Whether a file has times in s, ms, us or ns that are those of a rate."""
     try:
-        numbers = np.array(FIRST_NUMBER.findall(read_text(path, TABLE)), dtype=np.float64)
+        if path.name == OWN:
+            numbers = integers(path, [OWN_COLUMNS[0]])[:, 0].astype(np.float64)
+        else:
+            numbers = np.array(FIRST_NUMBER.findall(read_text(path, TABLE)), dtype=np.float64)
     except UserError:
         return False
     steps = np.diff(numbers)
