@@ -17,9 +17,9 @@ LOCATED_POINT = 1_100
 DISTANCES = 550_000
 """Cost of the distance transforms of an image, 1.1 ms."""
 FEATURES = 3_000_000
-"""Cost of finding the features of an image, 4 to 6 ms; 10 ms on bricks."""
+"""Cost of finding the features of an image, 3 to 5 ms; 8 ms on bricks."""
 RECALLED, PER_LANDMARK = 330_000, 4_500
-"""Cost of a pose by the landmarks of a place, 0.7 ms, and more for each landmark, 9 us."""
+"""Cost of a pose by the landmarks of a place, 0.7 ms, and more for each landmark, up to 9 us."""
 
 
 def sampling_evaluations(edges: int) -> int:
