@@ -16,6 +16,8 @@ CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for x, y in ((-0.5, -0.5), (0
 """Corners (8, 3) of a box of 1 m."""
 SIDES = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
 """Corners (6, 4) of its sides, counter-clockwise from outside."""
+SPOTS, SPOT = 5, np.array([[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]])
+"""Spots along a side, and the corners (4, 2) of each in its part of the side."""
 CAMERA = Camera.from_field_of_view(160, 120, 60.0)
 RANGE_M, FRAMES, LOST, FRAME_NS = 2.5, 6, 2, 100_000_000
 """Distance of the box; frames that show it, enough for a learning of every kind; blank ones; their interval in ns."""
@@ -52,15 +54,10 @@ def picture(pose: Pose) -> Image:
     for k, side in enumerate(CORNERS[SIDES]):
         if (eye - side[0]) @ np.cross(side[1] - side[0], side[2] - side[1]) > 0.0:
             fill(image, pose, side, 90 + 25 * k)
-            for i, j in np.ndindex(5, 5):
-                at = np.array([i + 0.3, j + 0.3]) / 5.0
-                spot = [side[0] + (at + d) @ (side[[1, 3]] - side[0]) for d in np.array(SPOT) / 12.0]
-                fill(image, pose, np.array(spot), 60 + (37 * i + 91 * j + 53 * k) % 160)
+            for i, j in np.ndindex(SPOTS, SPOTS):
+                spot = side[0] + (SPOT + np.array([i, j])) / SPOTS @ (side[[1, 3]] - side[0])
+                fill(image, pose, spot, 60 + (37 * i + 91 * j + 53 * k) % 160)
     return image
-
-
-SPOT = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
-"""Corners of a spot, in twelfths of a side."""
 
 
 def fill(image: Image, pose: Pose, corners: Array, grey: int) -> None:
