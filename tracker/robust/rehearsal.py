@@ -12,13 +12,13 @@ from uavbench.tracker.protocol import Image, Run
 from uavbench.trajectories.kernels.compiled import KERNELS
 from uavbench.trajectories.pose import Array, Pose
 
-CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))])
-"""Corners (8, 3) of a box of 1 m."""
+CORNERS = np.array([[x, y, z] for z in (-0.3, 0.3) for x, y in ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))])
+"""Corners (8, 3) of a box whose sides differ, in m."""
 SIDES = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
 """Corners (6, 4) of its sides, counter-clockwise from outside."""
 SPOTS, SPOT = 5, np.array([[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]])
 """Spots along a side, and the corners (4, 2) of each in its part of the side."""
-CAMERA = Camera.from_field_of_view(160, 120, 60.0)
+CAMERA = Camera.from_field_of_view(320, 240, 60.0)
 RANGE_M, FRAMES, LOST, FRAME_NS = 2.5, 6, 2, 100_000_000
 """Distance of the box; frames that show it, enough for a learning of every kind; blank ones; their interval in ns."""
 
