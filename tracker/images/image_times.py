@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from uavbench.tracker.images.image_names import UNITS, fits
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DamagedFileError, UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_text
 from uavbench.trajectories.files.tables import column_names, integers
@@ -21,7 +21,10 @@ FIRST_NUMBER = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s*(?:[,;\s]|$)", r
 
 
 def doubts_of_times(images: Path, rate_hz: float) -> list[str]:
-    """Message on a file of times beside a folder of images, unless its times are 1 / rate_hz apart."""
+    """Message on a file of times beside a folder of images, unless its times are 1 / rate_hz apart.
+
+    DamagedFileError for one that uavbench wrote and that has changed since.
+    """
     folders = (images, images.resolve().parent)
     found = [path for folder in folders for name in (OWN, *TIMES) if _has_times(path := folder / name)]
     return [
@@ -36,6 +39,8 @@ def _has_times(path: Path) -> bool:
     """Whether there is such a file; one named OWN has its columns, unlike the results of a tracker."""
     try:
         return path.is_file() and (path.name != OWN or set(OWN_COLUMNS) <= set(column_names(path, TABLE)))
+    except DamagedFileError:
+        raise
     except UserError:
         return False
 
@@ -47,6 +52,8 @@ def _is_told(path: Path, rate_hz: float) -> bool:
             numbers = integers(path, [OWN_COLUMNS[0]])[:, 0].astype(np.float64)
         else:
             numbers = np.array(FIRST_NUMBER.findall(read_text(path, TABLE)), dtype=np.float64)
+    except DamagedFileError:
+        raise
     except UserError:
         return False
     steps = np.diff(numbers)
