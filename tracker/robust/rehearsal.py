@@ -7,15 +7,16 @@ import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, Run
 from uavbench.trajectories.kernels.compiled import KERNELS
 from uavbench.trajectories.pose import Array, Pose
 
-CORNERS = np.array([[x, y, z] for z in (-0.3, 0.3) for x, y in ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))])
-"""Corners (8, 3) of a box whose sides differ, in m."""
+BOX = box((-0.6, -0.4, -0.3), (0.6, 0.4, 0.3))
+"""A box whose sides differ, in m."""
 SIDES = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
-"""Corners (6, 4) of its sides, counter-clockwise from outside."""
+"""Its vertices (6, 4) about each side, counter-clockwise from outside."""
 SPOTS, SPOT = 5, np.array([[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]])
 """Spots along a side, and the corners (4, 2) of each in its part of the side."""
 CAMERA = Camera.from_field_of_view(320, 240, 60.0)
@@ -28,9 +29,8 @@ def rehearse(start: Callable[[Structure, Camera, Pose, np.random.Generator], Run
     """Track a box that is seen, lost, and seen again, once in a process; `start` starts the run."""
     if not KERNELS:  # where numba is switched off, there is nothing to set up
         return
-    triangles = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])
     poses = [seen_from(0.5 + 0.01 * k) for k in range(FRAMES)]
-    run = start(Structure.from_mesh(CORNERS, triangles), CAMERA, poses[0], np.random.default_rng(0))
+    run = start(Structure.from_mesh(*BOX), CAMERA, poses[0], np.random.default_rng(0))
     blank = np.full((CAMERA.height, CAMERA.width), 90, dtype=np.uint8)
     shown = [*map(picture, poses), *(blank + k for k in np.arange(LOST, dtype=np.uint8)), *map(picture, poses)]
     for k, image in enumerate(shown):
@@ -51,7 +51,7 @@ def picture(pose: Pose) -> Image:
     """The box (h, w) in front of a dark wall, its sides of different greys with a pattern of spots."""
     image = np.full((CAMERA.height, CAMERA.width), 40, dtype=np.uint8)
     eye = pose.inverse().translation
-    for k, side in enumerate(CORNERS[SIDES]):
+    for k, side in enumerate(BOX.vertices[SIDES]):
         if (eye - side[0]) @ np.cross(side[1] - side[0], side[2] - side[1]) > 0.0:
             fill(image, pose, side, 90 + 25 * k)
             for i, j in np.ndindex(SPOTS, SPOTS):
