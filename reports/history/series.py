@@ -5,6 +5,7 @@ are far larger than changes between commits. Metrics for which smaller is better
 are relative; the others enter as minus their value, a share of all frames or flights.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -20,6 +21,9 @@ LEAST_ERROR = 1e-12
 """Resolution in the unit of the metric: smaller values count as equal, as in the gate."""
 STEADY = 0.5
 """Floor of a flight's spread between commits, as a fraction of the median spread: few commits estimate it poorly."""
+STEPS = 0.1
+"""Share of a flight's differences between commits, the largest, that do not count as its spread: a change that one
+commit made, and that stays, would take the weight from the very flights that it is of."""
 LEAST_SPREAD = 0.002
 """Spread of a flight between commits, in logs or shares, below which flights have equal weights."""
 
@@ -109,9 +113,12 @@ def flights_worse(recorded: list[Recorded], *, bigger: bool) -> Array:
 def weights_of(worse: Array) -> Array:
     """Weights (flights,) that sum to 1, by inverse variance between commits (n, flights) with a floor of STEADY.
 
-    A flight with the median spread has a fifth of the weight of one without spread.
+    The largest differences, a share STEPS of all, are left out. A flight with the median spread has a fifth of the
+    weight of one without spread.
     """
-    spreads = np.sqrt(np.mean(np.diff(worse, axis=0, prepend=worse[:1]) ** 2, axis=0) / 2)
+    squares = np.sort(np.diff(worse, axis=0, prepend=worse[:1]) ** 2, axis=0)
+    kept = len(worse) - math.ceil(STEPS * (len(worse) - 1))
+    spreads = np.sqrt(np.mean(squares[:kept], axis=0) / 2)
     usual = STEADY * max(float(np.median(spreads)), LEAST_SPREAD)
     precision = 1.0 / (spreads**2 + usual**2)
     weights: Array = precision / precision.sum()

@@ -150,6 +150,18 @@ def test_equal_digits_and_one_worse_commit_are_told_at_once():
     assert [c.at for c in found(errors[:, :1])] == [11], "with one flight"
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize(("share", "step"), [(0.3, 0.15), (0.5, 0.2), (0.6, 0.15)])
+def test_a_step_of_some_of_the_flights_is_told_as_large_as_their_mean(share, step, noise):
+    """The flights that it leaves as they were must not count for more than those that it makes worse."""
+    rng, worse = np.random.default_rng(0), np.arange(90) < 90 * share
+    errors = 0.01 * np.exp(rng.normal(0, 0.3, 90) + rng.normal(0, noise, (30, 90)))
+    errors[18:, worse] *= 1 + step
+    (found_step,) = found(errors)
+    assert (found_step.kind, found_step.at) == ("step", 18)
+    assert found_step.size == pytest.approx((1 + step) ** worse.mean() - 1, rel=0.1)
+
+
 def test_a_run_that_slips_by_chance_is_no_change_and_hides_none():
     errors = noisy(50)
     errors[40:, 3] *= 20
