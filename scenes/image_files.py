@@ -1,6 +1,6 @@
 """Guarded reading of untrusted images and videos: type and size are checked before they are decoded.
 
-And the end of a video of ours, whether all of it was written; and the writing of a file of a frame.
+And the begin and the end of a video of ours, whether all of it was written; and the writing of a file of a frame.
 """
 
 import errno
@@ -158,11 +158,21 @@ def open_video(path: Path) -> cv2.VideoCapture:
     return video
 
 
+def begin_video(path: Path, codec: str, rate_hz: float, size_px: tuple[int, int]) -> cv2.VideoWriter:
+    """Writer of a video with a codec, four letters, of images of a width and height.
+
+    UserError when this build of OpenCV cannot: it would write nothing, and tell nothing.
+    """
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, size_px)
+    if not writer.isOpened():
+        raise UserError(f"{path.name}: this build of OpenCV cannot write {codec}; install opencv-python-headless")
+    return writer
+
+
 def finish_video(writer: cv2.VideoWriter, path: Path, frames: int) -> None:
     """Close a video of so many frames; OSError when fewer can be read again, since OpenCV tells of no full disk."""
-    is_open = writer.isOpened()
     writer.release()
-    if not (is_open and frames):
+    if not frames:
         return
     video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
     read = sum(1 for _ in iter(video.grab, False))

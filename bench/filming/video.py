@@ -21,7 +21,7 @@ from uavbench.bench.filming.outside_view import OutsideView
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.figures.space import limits
 from uavbench.reports.figures.tracker_pictures import View, draw, write_text_on
-from uavbench.scenes.image_files import finish_video
+from uavbench.scenes.image_files import begin_video, finish_video
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
@@ -63,9 +63,7 @@ def write_video(
         width = round(source.camera.width * height / source.camera.height / 2) * 2
         size = (width + OUTSIDE_PX[0], height)
         with standard_error_to_nothing():  # WebM has no codec tags, of which OpenCV warns whatever the codec
-            writer = cv2.VideoWriter(str(new / VIDEO), cv2.VideoWriter.fourcc(*CODEC), rate_hz, size)
-        if not writer.isOpened():
-            raise UserError(f"{folder}: this build of OpenCV cannot write {CODEC}; install opencv-python-headless")
+            writer = begin_video(new / VIDEO, CODEC, rate_hz, size)
         flown_blind = np.zeros((source.camera.height, source.camera.width, 3), dtype=np.uint8)
         try:
             for frame, stamp_ns in enumerate(frames):

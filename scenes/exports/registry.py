@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
@@ -21,7 +20,7 @@ from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
 from uavbench.scenes.exports.ros.bag import BagExport
 from uavbench.scenes.exports.shown_images import Shown, camera_ground_truth, png
-from uavbench.scenes.image_files import finish_video
+from uavbench.scenes.image_files import begin_video, finish_video
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import new_folder, write_text
@@ -158,9 +157,8 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     sequence = shown.sequence
     size = (sequence.camera.width, sequence.camera.height)
     rate = float(sequence.info.get("rate_hz", 15.0))
-    fourcc = cv2.VideoWriter.fourcc(*"vp09")
     paths = [folder / name for name in ("video.mp4", "overlay.mp4")]
-    writers = [cv2.VideoWriter(str(path), fourcc, rate, size) for path in paths]
+    writers = [begin_video(path, "vp09", rate, size) for path in paths]
     for frame in range(len(sequence)):
         image = shown.image(frame)
         writers[0].write(image)
@@ -170,9 +168,11 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
         finish_video(writer, path, len(sequence))
     how = "undistorted" if shown.undistorted else "distorted as they are"
     files = {"video.mp4": f"the images, {how}", "overlay.mp4": "the same with the model's visible edges"}
+    cut = " and ".join(side for side, px in zip(("column", "row"), size, strict=True) if px % 2)
     limits = (
         f"Stamps: a video has one rate, {rate:g} Hz; after lost frames it runs ahead.",
         "Poses and camera are not included; the compression of the video is lossy.",
+        *([f"Size: the sides of a video are even; the last {cut} of each image is left out."] if cut else []),
     )
     return Held(files=files, frames={}, limits=limits)
 

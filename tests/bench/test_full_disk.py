@@ -6,7 +6,6 @@ import resource
 import shutil
 from contextlib import contextmanager
 
-import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -17,7 +16,7 @@ from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.style import house_style, new_figure, save_figure
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.exports.registry import EXPORTS
-from uavbench.scenes.image_files import finish_video
+from uavbench.scenes.image_files import begin_video, finish_video
 from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts
@@ -101,7 +100,7 @@ FRAMES = 30
 
 def film(path, codec):
     """A video of noise, as the commands write theirs."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 15.0, (96, 64))
+    writer = begin_video(path, codec, 15.0, (96, 64))
     for image in np.random.default_rng(0).integers(0, 255, (FRAMES, 64, 96, 3), dtype=np.uint8):
         writer.write(image)
     finish_video(writer, path, FRAMES)

@@ -402,6 +402,50 @@ def test_the_overlay_is_the_video_with_lines_on_it(sequence: Sequence, exported:
         assert 0.001 < (drawn > 60).mean() < 0.2
 
 
+class NoWriter:
+    """The writer of a build of OpenCV without the codec: it takes all images, and writes none."""
+
+    fourcc = cv2.VideoWriter.fourcc
+
+    def __init__(self, *asked: object) -> None:
+        pass
+
+    def isOpened(self) -> bool:
+        return False
+
+    def write(self, image: object) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
+
+
+def test_a_video_that_opencv_cannot_write_is_refused(
+    sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cv2, "VideoWriter", NoWriter)
+    with pytest.raises(UserError, match=r"video\.mp4: this build of OpenCV cannot write vp09"):
+        export(sequence, "video", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "told"), [(319, 240, "column"), (320, 239, "row"), (319, 239, "column and row"), (320, 240, "")]
+)
+def test_a_video_that_lacks_the_last_column_or_row_says_so(
+    plain: Sequence, tmp_path: Path, width: int, height: int, told: str
+) -> None:
+    """Codecs halve the sides for the colours, and OpenCV leaves out what is odd."""
+    shutil.copytree(plain.folder, tmp_path / "cut")
+    for path in (tmp_path / "cut" / "frames").iterdir():
+        cv2.imwrite(str(path), cv2.imread(str(path))[:height, :width])
+    camera = replace(plain.camera, width=width, height=height)
+    not_held = export(replace(plain, folder=tmp_path / "cut", camera=camera), "video", tmp_path / "out")
+    film = cv2.VideoCapture(str(tmp_path / "out" / "video.mp4"))
+    assert (film.get(cv2.CAP_PROP_FRAME_WIDTH), film.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (width & ~1, height & ~1)
+    assert (f"the last {told} of each image is left out" in " ".join(not_held)) == bool(told)
+
+
 def test_without_an_imu_no_biases_are_told(plain: Sequence, tmp_path: Path) -> None:
     export(plain, "euroc", tmp_path / "out")
     assert "imu0" not in (tmp_path / "out" / "README.md").read_text()

@@ -9,7 +9,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.verify import file_hash
-from uavbench.scenes.image_files import SUFFIXES, finish_video, is_shown, open_video, read_image
+from uavbench.scenes.image_files import SUFFIXES, begin_video, finish_video, is_shown, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
@@ -76,12 +76,8 @@ def track_images(
     levels = BlackImages()
     images = frames(source, lens, rate_hz)
     with new_folder(out, MARKER) as new:
-        writer = cv2.VideoWriter(
-            str(new / "overlay.mp4"),
-            cv2.VideoWriter.fourcc(*"mp4v"),
-            min(max(rate_hz, SHOWN_HZ[0]), SHOWN_HZ[1]),
-            (lens.width, lens.height),
-        )
+        shown_hz = min(max(rate_hz, SHOWN_HZ[0]), SHOWN_HZ[1])
+        writer = begin_video(new / "overlay.mp4", "mp4v", shown_hz, (lens.width, lens.height))
         for frame, (stamp_ns, image) in enumerate(images):
             levels.see(image)
             result, error = track_frame(run, image, stamp_ns)
