@@ -20,11 +20,13 @@ Tell = Callable[[str], None]
 class Measurement:
     """The metric at a commit.
 
-    worse: larger is worse: mean natural log of an error, or minus the mean coverage; text: name, value and unit.
+    worse: larger is worse: mean natural log of an error, or minus the mean coverage; text: name, value and unit; share:
+    whether it is of a share, whose margin is a difference.
     """
 
     worse: float
     text: str
+    share: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def bisect(good: str, bad: str, margin: float, measure: Callable[[str], Measurem
     UserError when `bad` is not worse than `good` by the margin, or one of them cannot be measured.
     """
     levels = {name: _ends(name, measure, tell) for name in (good, bad)}
-    if levels[bad].worse - levels[good].worse <= math.log1p(margin):
+    if levels[bad].worse - levels[good].worse <= (margin if levels[bad].share else math.log1p(margin)):
         raise UserError(
             f"{short(bad)} is not worse than {short(good)}: {levels[bad].text} against {levels[good].text}, by less "
             f"than --margin {100 * margin:g}%"

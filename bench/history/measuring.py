@@ -101,7 +101,7 @@ class Measuring:
             by_sequence.setdefault(sequence, []).append(worse)
         mean = float(np.mean([np.mean(each) for each in by_sequence.values()]))
         if self.metric == COVERAGE:
-            return Measurement(mean, f"{self.metric} {-mean:.4f}")
+            return Measurement(mean, f"{self.metric} {-mean:.4f}", share=True)
         share = float(np.mean([run.coverage for run in side.runs.values()]))
         text = f"{self.metric} {math.exp(mean):.5g} {ERRORS[self.metric][0]}, {COVERAGE} {100 * share:.1f} %"
         return Measurement(mean, text)

@@ -134,6 +134,18 @@ def test_mistakes_are_told(repository):
         assert result.exit_code == 2 and words in result.output
 
 
+@pytest.mark.parametrize(("margin", "lost", "enough"), [(0.5, 0.45, False), (0.5, 0.55, True), (0.1, 0.098, False)])
+def test_the_margin_of_a_coverage_is_a_difference_of_shares(repository, margin, lost, enough):
+    first, last = (commit(repository, "n", str(k)) for k in range(2))
+    before, after = (measuring("coverage").of(side_of(share)) for share in (1.0, 1.0 - lost))
+    measure = {first: before, last: after}.__getitem__
+    if enough:
+        assert bisect(first, last, margin, measure, lambda _: None).suspects == [last]
+    else:
+        with pytest.raises(UserError, match="is not worse than"):
+            bisect(first, last, margin, measure, lambda _: None)
+
+
 def measuring(metric):
     return Measuring(None, Path("suite.toml"), Path("out"), "lsd", 15.0, metric, None)
 
@@ -151,7 +163,9 @@ def test_a_commit_whose_tracker_crashes_is_not_taken_for_a_good_one():
     """Its error is that of the few frames before, smaller than any."""
     found = measuring("ATE").of(side_of(0.1, 1.0, crash="frame 9:\nValueError"))
     assert found == Cannot("it crashes on s0, seed 0: frame 9: ValueError")
-    assert measuring("coverage").of(side_of(0.1, 1.0, crash="frame 9")) == Measurement(-0.55, "coverage 0.5500")
+    assert measuring("coverage").of(side_of(0.1, 1.0, crash="frame 9")) == Measurement(
+        -0.55, "coverage 0.5500", share=True
+    )
     assert measuring("ATE").of(side_of(0.5, 1.0)).text == "ATE 0.02 m, coverage 75.0 %"
 
 
