@@ -177,12 +177,17 @@ def write(folder: Path, changes: list[Change]) -> Path:
     lines = ["| " + " | ".join(HEADS) + " |", "|---|---:|---:|---:|---:|---:|"]
     lines += [
         f"| `{c.variant.value.path}` | {c.variant.value.default} | {c.variant.set_to} | {c.runs_changed} of {c.runs} | "
-        f"{100 * c.success:+.1f} | {100 * (c.error_ratio - 1):+.1f} |"
+        f"{_percent(c.success)} | {_percent(c.error_ratio - 1)} |"
         for c in sorted(changes, key=_most)
     ]
     lines += ["", f"No run responds to: {', '.join(f'`{path}`' for path in still) or 'none of them'}.", ""]
     write_text(folder / MARKDOWN, "\n".join(lines))
     return folder / MARKDOWN
+
+
+def _percent(share: float) -> str:
+    """A signed share in percent; n/a where no run has one."""
+    return f"{100 * share:+.1f}" if np.isfinite(share) else "n/a"
 
 
 def _most(c: Change) -> tuple[float, float, str]:

@@ -1,7 +1,9 @@
 """Numbers of a tracker's config are set from a suite, and varied one at a time."""
 
 import csv
+import math
 from contextlib import nullcontext
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
@@ -11,9 +13,10 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.graph import Job, Outcome
-from uavbench.bench.sensitivity.study import Change, Variant, of_no_variant
+from uavbench.bench.sensitivity.study import Change, Variant, of_no_variant, write
 from uavbench.bench.sensitivity.variants import Value, changed, values_of
 from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.shang_shen.lsd import Lsd
 from uavbench.trajectories.errors import UserError
 
 MINE = '[trackers.mine]\nkind = "robust"\n'
@@ -149,6 +152,15 @@ def test_a_value_with_which_a_tracker_refuses_to_start_is_a_loss_of_the_variant_
     assert of_no_variant(jobs, Outcome(failed={variant: start}, mistakes={variant})) == []
     both = Outcome(failed={default: start, variant: start}, mistakes={default, variant})
     assert of_no_variant(jobs, both) == [default]
+
+
+def test_the_error_of_a_variant_that_loses_all_is_not_available(tmp_path):
+    (value,) = (each for each in values_of(Lsd()) if each.path == "passes")
+    lost = Change(Variant(value, 0.5, 2), runs=2, runs_changed=2, success=-1.0, error_ratio=math.nan)
+    half = replace(lost, variant=Variant(value, 2.0, 6), success=0.005, error_ratio=1.25)
+    first, second = write(tmp_path, [half, lost]).read_text().splitlines()[2:4]
+    assert first == "| `passes` | 3 | 2 | 2 of 2 | -100.0 | n/a |"
+    assert second == "| `passes` | 3 | 6 | 2 of 2 | +0.5 | +25.0 |"
 
 
 @pytest.mark.parametrize("name", ["sensitivity.md", "sensitivity.csv"])
