@@ -21,9 +21,9 @@ LEAST_ERROR = 1e-12
 """Resolution in the unit of the metric: smaller values count as equal, as in the gate."""
 STEADY = 0.5
 """Floor of a flight's spread between commits, as a fraction of the median spread: few commits estimate it poorly."""
-STEPS = 0.1
-"""Share of a flight's differences between commits, the largest, that do not count as its spread: a change that one
-commit made, and that stays, would take the weight from the very flights that it is of."""
+STEPS = 0.3
+"""Share of a flight's differences between commits, the largest, that do not count as its spread: changes that few
+commits made, and that stay, would take the weight from the very flights that they are of."""
 LEAST_SPREAD = 0.002
 """Spread of a flight between commits, in logs or shares, below which flights have equal weights."""
 

@@ -118,10 +118,13 @@ def test_a_step_is_told_where_it_is_and_how_large():
 
 
 def test_a_drift_that_no_two_commits_show_is_told_as_one():
-    errors = noisy(60) * 1.002 ** np.arange(60)[:, None]
-    (drift,) = found(errors)
-    assert drift.kind == "drift" and (drift.first, drift.last) == (0, 59)
-    assert drift.size == pytest.approx(1.002**59 - 1, abs=0.03)
+    """Of 100 seeds, 95 are; in the others it begins with one step or two."""
+    told = [found(noisy(60, seed) * 1.002 ** np.arange(60)[:, None]) for seed in range(10)]
+    alone = [of_seed[0] for of_seed in told if len(of_seed) == 1]
+    assert len(alone) >= 8
+    for drift in alone:
+        assert drift.kind == "drift" and (drift.first, drift.last) == (0, 59)
+        assert drift.size == pytest.approx(1.002**59 - 1, abs=0.03)
 
 
 def test_three_commits_that_made_it_worse_are_each_told():
@@ -160,6 +163,15 @@ def test_a_step_of_some_of_the_flights_is_told_as_large_as_their_mean(share, ste
     (found_step,) = found(errors)
     assert (found_step.kind, found_step.at) == ("step", 18)
     assert found_step.size == pytest.approx((1 + step) ** worse.mean() - 1, rel=0.1)
+
+
+def test_changes_that_only_few_commits_made_in_the_same_flights_are_each_told():
+    errors = np.tile(0.01 * np.exp(np.random.default_rng(0).normal(0, 0.3, 90)), (40, 1))
+    for at in (8, 16, 24, 30):
+        errors[at:, :42] *= 1.03
+    steps = found(errors)
+    assert [step.at for step in steps] == [8, 16, 24, 30]
+    assert [step.size for step in steps] == pytest.approx([1.03 ** (42 / 90) - 1] * 4, rel=0.05)
 
 
 def test_a_run_that_slips_by_chance_is_no_change_and_hides_none():
