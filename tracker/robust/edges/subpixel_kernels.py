@@ -11,7 +11,7 @@ from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LI
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
-from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX, Strip, room_for
+from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, REACH_PX, Strip, room_for
 from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
 from uavbench.tracker.robust.view import VIEW, View, pixel_of
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -26,6 +26,8 @@ SAME_PX = 0.3
 """Distance across below which two edges are one step."""
 COARSE_LINES, FINE_LINES = 1, 4
 """Scan lines to either side of a control point, of a first fit and of one at its step: each is linear in the shift."""
+TINY = 1e-300
+"""Least divisor, px^2."""
 BENT_PX = 8.0
 """Most that the lens bends an edge: those farther from the line of their first point are not looked at."""
 
@@ -88,14 +90,16 @@ def refine_subpixel(
 ) -> SubpixelEdges:
     """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
 
-    The variance is that of the fit, and the part of the learned mean square that the edge's offset leaves. If no step
-    can be fitted, distance and variance are those of `fitted`, with an infinite distance for a weight of 0.
+    The variance is that of the fit, see `add_variances`, and the part of the learned mean square that the edge's offset
+    leaves. If no step can be fitted, distance and variance are those of `fitted`, with an infinite distance where the
+    weight is 0.
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
     distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
     together = np.zeros(len(lines), np.int64)
     distance[:] = np.inf
+    own_px2, misfit = np.zeros(len(lines)), np.zeros((len(lines), ACROSS))
     numbers = len(optics.light) - 1
     by_response, alone = np.zeros((len(lines), numbers)), Optics(optics.light[:1], optics.blur_px)
     coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, alone), REACH_PX + CLEAR_WIDTHS * optics.blur_px
@@ -128,14 +132,41 @@ def refine_subpixel(
             found = fit_step(image, edges, near.distance, Strip(along, FINE_LINES, optics), colour, sums)
             if abs(found.distance - start) < MAX_SHIFT_PX:
                 distance[p, 0], together[p] = found.distance, steps
-                learned = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
-                variance[p] = found.variance_px2 + learned
+                variance[p] = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
+                own_px2[p], misfit[p] = found.variance_px2, sums.misfit
                 by_response[p] = sums.by_response
                 if steps > 1:
                     shares = sums.shares[:steps]
                     share_motion(points.points, crowded.points, shares, fitted.at, moved[p], moved_lines[p])
+        add_variances(variance, own_px2, misfit, together, first[g : g + 2])
         share_evenly(by_response, together, first, g)
     return SubpixelEdges(distance, variance, together, by_response, moved, moved_lines)
+
+
+@inlined
+def add_variances(variance: Array, own_px2: Array, misfit: Array, steps: Indices, first: Indices) -> None:
+    """Add to variances (n,) those of the fits of an edge's located points, steps (n,) > 0 from first[0] to first[1].
+
+    own_px2 (n,): if the misfit of the light is noise of each pixel; misfit (n, ACROSS): that of `write_misfit`. Of
+    noise its squares are expected to sum up to the own variances. What they are more lasts along the edge, as that of a
+    line beside it: with the correlation r between a point and the next one, (1 + r) / (1 - r) points are as one (those
+    of a process of first order: Bayley & Hammersley 1946), but not more than there are.
+    """
+    own, squares, beside, located, last = 0.0, 0.0, 0.0, 0, -1
+    for p in range(first[0], first[1]):
+        if steps[p] > 0:
+            own, located = own + own_px2[p], located + 1
+            for x in range(ACROSS):
+                squares += misfit[p, x] * misfit[p, x]
+                beside += misfit[p, x] * misfit[last, x] if last >= 0 else 0.0
+            last = p
+    excess, alike = max(0.0, squares - own), 1.0
+    if located > 1:
+        lasting = max(0.0, beside * located / (located - 1))
+        alike = min(float(located), (excess + lasting) / max(TINY, excess - lasting))
+    for p in range(first[0], first[1]):
+        if steps[p] > 0:
+            variance[p] += own_px2[p] * (1.0 + alike * excess / max(own, TINY))
 
 
 @inlined

@@ -72,15 +72,15 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 
     Arguments as of `sums_of_steps`. NO_STEP without a step in the direction `colour`, or too few pixels; otherwise the
-    derivatives of the distance for the response, and where there are several steps for their own distances, are in
-    `sums`.
+    derivatives of the distance for the response, where there are several steps for their own distances, and the misfit
+    are in `sums`.
     """
     steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
     if n < 3 * ACROSS:
         return NO_STEP
     products, last, rows = sums.products, 2 * steps + 1, len(sums.by_response)
     if steps == 1 and rows == 0:
-        return fit_alone(products, n, start, strip.optics.light[0, 1])
+        return fit_alone(sums, n, start, strip.optics.light[0, 1])
     for i in range(last + 1, last + 1 + rows):  # the level is eliminated
         for j in range(last):
             products[i, j] -= products[i, last] * products[last, j] / n
@@ -125,7 +125,32 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
         sums.by_response[r] = -moved_by(last + 1 + r, steps, shift, sums) * A[steps, steps]
     for own in range(steps if steps > 1 else 0):
         sums.shares[own] = -height[own] * moved_by(2 * own + 1, steps, shift, sums) * A[steps, steps]
+    write_misfit(steps, n, Step(shift, A[steps, steps]), sums)
     return Step(start + shift, noise * A[steps, steps])
+
+
+@inlined
+def write_misfit(steps: int, n: int, shift: Step, sums: Sums) -> None:
+    """Write what a fit leaves of the light of n pixels, summed up along the edge, into the misfit in `sums`.
+
+    shift: of the fit, with its variance for light of unit variance. As deviations of the distance, px, one for each
+    column of the pixels, whose squares sum up to its variance if the misfit is the same on all scan lines, as that of a
+    line beside the edge is. The level, the heights and the shift take degrees of freedom; where they take all, it is 0.
+    """
+    products, height, misfit, last, free = sums.products, sums.height, sums.misfit, 2 * steps + 1, ACROSS - steps - 2
+    level, light_block, light_column = products[last, 2 * steps], steps // 2, 2 * (steps % 2)
+    for i in range(steps):
+        level -= height[i] * (products[last, 2 * i] - shift.distance * products[last, 2 * i + 1])
+    level /= n
+    per_light = math.sqrt(shift.variance_px2 * ACROSS / (n * free)) if free > 0 else 0.0
+    for x in range(ACROSS):
+        total = 0.0
+        for q in range(x, n, ACROSS):
+            total += sums.terms[light_block, q, light_column] - level
+            for i in range(steps):
+                block, at = i // 2, 2 * (i % 2)
+                total -= height[i] * (sums.terms[block, q, at] - shift.distance * sums.terms[block, q, at + 1])
+        misfit[x] = per_light * total
 
 
 @inlined
@@ -147,11 +172,12 @@ def moved_by(row: int, steps: int, shift: float, sums: Sums) -> float:
 
 
 @inlined
-def fit_alone(products: Array, n: int, start: float, least: float) -> Step:
-    """As `fit_step` of one step, from the products of n pixels, whose height must be more than `least`.
+def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
+    """As `fit_step` of one step, from the sums over n pixels, whose height must be more than `least`.
 
     The same operations in the same order, number by number: most edges stand alone.
     """
+    products = sums.products
     HH, SH, SS = products[0, 0], products[1, 0], products[1, 1]
     LH, LS, LL = products[2, 0], products[2, 1], products[2, 2]
     of_H, of_S, of_L = products[3, 0], products[3, 1], products[3, 2]
@@ -181,4 +207,6 @@ def fit_alone(products: Array, n: int, start: float, least: float) -> Step:
             return NO_STEP
     if not height > least:
         return NO_STEP
+    sums.height[0] = height
+    write_misfit(1, n, Step(shift, variance), sums)
     return Step(start + shift, max(0.0, LL - explained) / (n - 3) * variance)

@@ -43,7 +43,7 @@ class Sums(NamedTuple):
     terms (m, p, TILE): in so many blocks of columns, at each of p pixels, H and H' of each step, the light, 1, and the
     light's derivatives. products (TILE m, TILE m): its lower half is their sums over all pixels. A (k + 1, k + 1),
     x (k + 1,): normal equations of the heights and the shift. height (k,). shares (k,): derivatives of the shift for
-    those of each step. by_response (r,): derivatives of the shift.
+    those of each step. by_response (r,): derivatives of the shift. misfit (ACROSS,): see `write_misfit`.
     """
 
     terms: Array
@@ -53,6 +53,7 @@ class Sums(NamedTuple):
     height: Array
     shares: Array
     by_response: Array
+    misfit: Array
 
 
 @compiled("i0 i0 i0", inner=True)
@@ -67,6 +68,7 @@ def room_for(steps: int, derivatives: int, beside: int) -> Sums:
         np.empty(steps),
         np.empty(steps),
         np.empty(derivatives),
+        np.empty(ACROSS),
     )
 
 
