@@ -55,9 +55,10 @@ def test_the_area_under_the_curve_is_that_of_its_steps():
     assert success_auc(far) == pytest.approx(success_curve(far, limits).mean(), abs=1e-4)
 
 
-def results(stages, rate_hz=10.0):
+def results(stages, rate_hz=10.0, interval_ns=None):
     rows = tuple(TrackResult(status="lost", stage_ms=stage_ms) for stage_ms in stages)
-    return Results({"rate_hz": rate_hz}, np.arange(len(rows)), np.arange(len(rows)), rows)
+    every_ns = round(1e9 / rate_hz) if interval_ns is None else interval_ns
+    return Results({"rate_hz": rate_hz}, np.arange(len(rows)), every_ns * np.arange(len(rows)), rows)
 
 
 def test_percentiles_of_latency_are_those_of_a_hundred_and_one_frames():
@@ -75,8 +76,15 @@ def test_each_stage_has_the_frames_that_it_ran_on():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("rate_hz", "share"), [(10.0, 0.5), (20.0, 0.75), (3.0, 0.0)])
+@pytest.mark.parametrize(("rate_hz", "share"), [(10.0, 0.5), (30.0, 1.0), (20.0, 0.75), (3.0, 0.0)])
 def test_a_deadline_is_the_next_frame(rate_hz, share):
     run = results([{"total": 50.0}, {"total": 100.0}, {"total": 100.1}, {"total": 300.0}, {"edges": 900.0}], rate_hz)
     assert deadline_misses(run) == share
     assert deadline_misses(results([{}])) is None
+    assert deadline_misses(results([{"total": 50.0}], rate_hz)) == float(rate_hz == 30.0)
+
+
+def test_a_deadline_is_that_of_the_frames_that_are_used_not_of_the_rate_that_is_asked():
+    """Of frames at 15 Hz every fourth one is used where 4 Hz are asked for, 267 ms apart."""
+    times = [{"total": 249.0}, {"total": 260.0}, {"total": 268.0}, {"total": 266.0}]
+    assert deadline_misses(results(times, 4.0, 266_666_667)) == 0.25
