@@ -54,9 +54,12 @@ def drawn(rng, correlation, scale):
     return scale * np.sqrt(NOISE_PX2 / ACROSS) * out
 
 
-def test_noise_leaves_the_variance_as_it_is():
+def test_noise_leaves_the_variance_nearly_as_it_is():
+    """By chance half of the edges have squares above those of noise, and those below count as no fewer."""
     rng = np.random.default_rng(0)
-    assert np.mean([variances(drawn(rng, 0.0, 1.0)).mean() for _ in range(200)]) == pytest.approx(1.0, abs=0.3)
+    drawn_ones = np.array([variances(drawn(rng, 0.0, 1.0)).mean() for _ in range(200)])
+    assert 0.4 < (drawn_ones == 1.0).mean() < 0.6
+    assert 1.0 < drawn_ones.mean() < 1.25
     assert (variances(drawn(rng, 0.0, 0.1)) == 1.0).all(), "less than the noise is no less"
 
 
