@@ -88,11 +88,17 @@ class Follower:
     def repeated(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit, or one that begins where it ends, if that has more support; where frames have budget for it.
 
-        What the prediction was too far from to be found is found from there, in a fraction of a search's time.
+        What the prediction was too far from to be found is found from there, in a fraction of a search's time. Where
+        that is clearly more, so may more be from where it ends itself.
         """
-        has_budget = not self.config.budget.is_least(frame.step_s) and self.fitter.has_room_for(1)
-        if self.state.is_first or not (has_budget and fit.finite):
+        if self.state.is_first or self.config.budget.is_least(frame.step_s) or not fit.finite:
             return fit
         wide = isotropic_covariance(self.config.relocalization.found_sigma, self.state.range_m)
-        again = self.fitter.fit(frame.image, fit.cam_from_world, wide, clock, self.searcher.half_px)
-        return again if again.finite and again.support > fit.support else fit
+        clearly = True
+        while clearly and self.fitter.has_room_for(1):
+            again = self.fitter.fit(frame.image, fit.cam_from_world, wide, clock, self.searcher.half_px)
+            if not (again.finite and again.support > fit.support):
+                break
+            clearly = again.support > fit.support + self.config.relocalization.lead
+            fit = again
+        return fit
