@@ -31,7 +31,7 @@ NO_MEASUREMENTS = EdgeMeasurements(
     np.zeros((0, 0)),
 )
 NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-NO_WEIGHTING = Weighting(np.zeros(0), np.zeros(0), np.zeros(0))
+NO_WEIGHTING = Weighting(*(np.zeros(0),) * 4)
 
 
 CERTAIN = Chance(0.0, 0.0)

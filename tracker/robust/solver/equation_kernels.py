@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.tracker.geometry_kernels import se3_log_left
-from uavbench.tracker.robust.solver.bias_state import FrameSums, LocalBiases
+from uavbench.tracker.robust.solver.bias_state import FrameSums, KindSums, LocalBiases
 from uavbench.tracker.robust.solver.number_state import KNOWN_NUMBERS, KnownNumbers
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -51,9 +51,9 @@ def add_edges(sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View
 
 
 @inlined
-def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array) -> None:
+def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array) -> KindSums:
     """Marginalize the offset of each edge, then what the edges of each kind share, from H (12 + r, 12 + r), its lower
-    half, and h (12 + r,), in place.
+    half, and h (12 + r,), in place. Returns what is known of the latter, with cross (k, 12 + r).
     """
     n = len(h)
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
@@ -80,6 +80,7 @@ def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array
     for k in range(count):
         scale = 1.0 / shared[k]
         marginalize(H, h, rows[k], vector[k] * scale, scale)
+    return KindSums(shared, rows, vector)
 
 
 @inlined

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import eliminate, se3_exp_left, solve6
+from uavbench.tracker.geometry_kernels import eliminate, inverse6, se3_exp_left, solve6
 from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
@@ -30,10 +30,11 @@ from uavbench.tracker.robust.solver.equation_kernels import (
     marginalize_offsets,
 )
 from uavbench.tracker.robust.solver.number_kernels import with_prior
+from uavbench.tracker.robust.solver.spread_kernels import Joint, weigh_edges
 from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT, Weighting, add_patches, add_points
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 ESTIMATOR = kernel_type(EstimatorConfig)
@@ -71,8 +72,37 @@ class Estimate(NamedTuple):
 STEP = named_tuple(Step, "f2! f1! f1! f2! f1!")
 
 
+@inlined
+def joint_of(step: Step, of_patches: Array, by_pose: Array) -> Joint:
+    """What a step tells of the pose, the patches' pose error D and the numbers.
+
+    of_patches (6, 6): covariance of D if the rest was known; by_pose (6, 7 + r): how D falls with the pose, its value
+    where that and the numbers are 0, and how it falls with the numbers.
+    """
+    x, numbers, pose = step.to_fit, step.to_numbers, inverse6(step.told)
+    value, C = np.empty(12 + len(numbers)), np.empty((12, 12))
+    for k in range(len(numbers)):
+        value[12 + k] = numbers[k]
+    for i in range(6):
+        value[i], value[6 + i] = x[i], by_pose[i, 6]
+        for k in range(len(numbers)):
+            value[6 + i] -= by_pose[i, 7 + k] * numbers[k]
+        for j in range(6):
+            value[6 + i] -= by_pose[i, j] * x[j]
+            C[i, j], C[6 + i, j] = pose[i, j], 0.0
+            for k in range(6):
+                C[6 + i, j] -= by_pose[i, k] * pose[k, j]
+            C[j, 6 + i] = C[6 + i, j]
+    for i in range(6):
+        for j in range(6):
+            C[6 + i, 6 + j] = of_patches[i, j]
+            for k in range(6):
+                C[6 + i, 6 + j] -= C[6 + i, k] * by_pose[j, k]
+    return Joint(value, C)
+
+
 @compiled(
-    "sums biases prior view step estimator",
+    "sums biases prior view step f1! estimator",
     inner=True,
     sums=FRAME_SUMS,
     biases=LOCAL_BIASES,
@@ -82,9 +112,17 @@ STEP = named_tuple(Step, "f2! f1! f1! f2! f1!")
     estimator=ESTIMATOR,
 )
 def solve_step(
-    sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View, step: Step, config: EstimatorConfig
+    sums: FrameSums,
+    biases: LocalBiases,
+    prior: PosePrior,
+    view: View,
+    step: Step,
+    edge_weight: Array,
+    config: EstimatorConfig,
 ) -> bool:
     """Solve the normal equations of pose and biases, the biases marginalized, into `step`; False where singular.
+
+    The edges are weighed by what is left of them, into edge_weight (g,), unless that is (0,).
 
     (H, h) are those of the pose, of the patches' pose error and of the numbers, in this order.
     """
@@ -96,7 +134,7 @@ def solve_step(
         h[i], h[6 + i] = h[i] + q[i], h[6 + i] - q[i]
         for j in range(6):
             H[i, j], H[6 + i, 6 + j], H[6 + i, j] = H[i, j] + P[i, j], H[6 + i, 6 + j] + P[i, j], -P[i, j]
-    marginalize_offsets(sums, biases, H, h)
+    of_kinds = marginalize_offsets(sums, biases, H, h)
     A, b, row, held = step.information, np.empty(6), np.empty(6), np.empty((6, 6))
     M, N = np.empty((6, 6)), np.empty((6, 7 + numbers))
     part = config.patches_prior_part  # a small part of the other information regularizes the pose of the patches alone
@@ -111,6 +149,7 @@ def solve_step(
             N[i, 7 + k] = H[12 + k, 6 + i]
     if not solve6(held, row, step.to_patches):
         return False
+    of_patches = inverse6(M) if edge_weight.size else M
     eliminate(M, N)
     F, f = np.zeros((6 + numbers, 6 + numbers)), np.empty(6 + numbers)  # of pose and numbers
     for i in range(6 + numbers):
@@ -145,6 +184,8 @@ def solve_step(
         f[6 + k] /= F[6 + k, 6 + k]
         for i in range(k, numbers):
             step.to_numbers[i] += root[i, k] * f[6 + k]
+    if edge_weight.size:
+        weigh_edges(sums, biases, of_kinds, joint_of(step, of_patches, N), edge_weight)
     return True
 
 
@@ -169,25 +210,28 @@ def refine(
     """The pose of least robust distances of control points to their candidates and of patches to their matches.
 
     Gauss-Newton from the view's pose, one iteration for each biweight cutoff of widths_px (k,), with residuals weighted
-    by their inverse variances. It stops before a step with singular equations.
+    by their inverse variances. It stops before a step with singular equations. Before the last iteration, edges that
+    are located between the pixels are weighed each by all else.
     """
     n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
+    iterations, distances = len(widths_px), measured.candidates.distance.shape[1]
     R, t, local = view.R.copy(), view.t.copy(), linearize(biases, view.R, view.t)
-    weighting = Weighting(np.zeros(n), np.zeros(n), np.zeros(m))
+    weighting, located = Weighting(np.zeros(n), np.zeros(n), np.zeros(m), np.ones(edges)), distances == 1
     numbers = len(prior.known.mean)
     step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros((6, 6)), np.zeros(numbers))
     sums = FrameSums(
         *(np.zeros(edges), np.zeros((edges, 6 + numbers)), np.zeros(edges)),
         *(np.zeros((6 + numbers, 6 + numbers)), np.zeros(6 + numbers), np.zeros((6, 6)), np.zeros(6)),
     )
-    for width_px in widths_px:
+    for iteration, width_px in enumerate(widths_px):
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near, view.clear_px, view.sweep)
         add_points(measured, local, prior.known, now, width_px, weighting, sums)
         # Once edges have told the pose, a patch that does not move with them is none of the structure's.
         told = np.count_nonzero(weighting.weight) >= UNKNOWNS and width_px == widths_px[-1]
         most_sigmas = EFFICIENT if told else np.inf
         add_patches(matches, now, width_px, most_sigmas, weighting, sums)
-        if not solve_step(sums, local, prior, now, step, config):
+        weighed = weighting.edge_weight if located and iteration == iterations - 2 else weighting.edge_weight[:0]
+        if not solve_step(sums, local, prior, now, step, weighed, config):
             break
         moved = se3_exp_left(R, t, step.to_fit)
         R, t = moved.R, moved.t

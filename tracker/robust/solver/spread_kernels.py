@@ -1,4 +1,6 @@
-"""Compiled spread of the edges of a frame about its fit, relative to the variances that were assumed of them."""
+"""Compiled spread of the edges of a frame about its fit, and about what all else tells of each, by the variances that
+were assumed of them.
+"""
 
 from typing import NamedTuple
 
@@ -12,11 +14,59 @@ from uavbench.tracker.robust.solver.bias_state import (
     BiasState,
     EdgeOffsets,
     FrameSums,
+    KindSums,
+    LocalBiases,
 )
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
+LEAST_LEFT = 1e-6
+"""Least part of the variance of an edge's mean residual that a fit leaves of it: it is positive but for rounding."""
+
+
+class Joint(NamedTuple):
+    """What a fit tells of the pose, the patches' pose error and the numbers that all edges share, in this order.
+
+    value (12 + r,); covariance (12, 12) of the first two if the numbers were known.
+    """
+
+    value: Array
+    covariance: Array
+
+
+@inlined
+def weigh_edges(sums: FrameSums, biases: LocalBiases, of_kinds: KindSums, joint: Joint, edge_weight: Array) -> None:
+    """Write the weights (g,) of the edges: the biweight of their deletion residuals, cut off at EFFICIENT.
+
+    Such a residual is the distance of an edge's points from where all else that the frame shows, and what earlier
+    frames told of the edge's offset, expect their mean, in standard deviations (Cook & Weisberg 1982). What else comes
+    to lie where an edge was found may draw the fit along, and leaves no residual there.
+
+    of_kinds: of `marginalize_offsets`. An edge that has no weight yet, or none any more, keeps what it has.
+    """
+    S, s, d, cross = sums.offset_weight, sums.offset_jacobian, sums.offset_residual, biases.cross
+    value, covariance, row = joint.value, joint.covariance, np.empty(len(joint.value))
+    for g in range(len(S)):
+        if not S[g] > 0.0:
+            continue
+        left_px2 = 1.0 / (biases.offset_information[g] + S[g])  # of the offset, if all else was known
+        k, residual, known_px2 = biases.kinds[g], d[g] / S[g] - left_px2 * (biases.offset_vector[g] + d[g]), left_px2
+        part = biases.ties[g] * left_px2 / of_kinds.information[k] if k >= 0 else 0.0
+        residual -= part * of_kinds.vector[k] if k >= 0 else 0.0
+        known_px2 += part * part * of_kinds.information[k] if k >= 0 else 0.0
+        for i in range(len(row)):
+            seen = s[g, i] if i < 6 else s[g, i - 6] if i >= 12 else 0.0
+            known = cross[g, i - 6] if i >= 6 else 0.0
+            row[i] = seen / S[g] - left_px2 * (seen + known) - (part * of_kinds.cross[k, i] if k >= 0 else 0.0)
+            residual -= row[i] * value[i]
+        for i in range(12):
+            for j in range(12):
+                known_px2 += row[i] * covariance[i, j] * row[j]
+        left = max(LEAST_LEFT / S[g], 1.0 / S[g] - known_px2)
+        cost = residual * residual / (EFFICIENT * EFFICIENT * left)
+        edge_weight[g] = (1.0 - cost) * (1.0 - cost) if cost < 1.0 else 0.0
 
 
 class Spread(NamedTuple):

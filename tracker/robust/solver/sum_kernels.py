@@ -26,15 +26,16 @@ class Weighting(NamedTuple):
     """Residuals and weights of the M-estimator.
 
     residual (n,) signed, px, infinite for points that are skipped; weight (n,) in [0, weight of the measurement];
-    patch_weight (m,) in [0, 1].
+    patch_weight (m,) in [0, 1]; edge_weight (g,) in [0, 1], a factor of the weights of an edge's points.
     """
 
     residual: Array
     weight: Array
     patch_weight: Array
+    edge_weight: Array
 
 
-WEIGHTING = named_tuple(Weighting, "f1! f1! f1!")
+WEIGHTING = named_tuple(Weighting, "f1! f1! f1! f1!")
 
 
 @inlined
@@ -75,7 +76,7 @@ def add_points(
     weighting: Weighting,
     sums: FrameSums,
 ) -> None:
-    """Weigh the control points at the view's pose by the biweight, and sum them up, in place.
+    """Weigh the control points at the view's pose by their edges and by the biweight, and sum them up, in place.
 
     Its cutoff is width_px; for points located by a single candidate it is EFFICIENT standard deviations of their
     distance from the offset that their edge and the numbers are known to have, if that is less.
@@ -121,7 +122,7 @@ def add_points(
                     best, r_best = cost, r
             residual[p] = r_best
             if best < 1.0:
-                weights[p] = weight[p] * (1.0 - best) * (1.0 - best)
+                weights[p] = weighting.edge_weight[g] * weight[p] * (1.0 - best) * (1.0 - best)
                 normal_row(c[0], c[1], c[2], nu, nv, lens, row)
                 for i in range(numbers):
                     row[6 + i] = by[p, i]
