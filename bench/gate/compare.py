@@ -177,17 +177,18 @@ def track_on(side: Side, run: Run, frames: Path, out: Path, start: dict[str, Any
 
 
 def smallest(times: Times, labels: list[str]) -> dict[str, list[dict[str, Any]]]:
-    """By run, for each sequence: the median over the frames of each frame's smallest time on both sides.
+    """By run, for each sequence: the median of the frames' smallest times on both sides, of the frames timed on both.
 
-    Trackers without measured times are left out.
+    A frame that a program lost has no time. Trackers without measured times are left out.
     """
     runs: dict[str, list[dict[str, Any]]] = {}
     for label, run, name, seed, side in times:
         if side != "head" or label not in labels:
             continue
-        median = [float(np.median(np.min(times[label, run, name, seed, s], axis=0))) for s in SIDES]
-        base_ms, head_ms = np.maximum(median, LEAST_MS).tolist()
-        if np.isfinite([base_ms, head_ms]).all():
+        fastest = np.array([np.fmin.reduce(times[label, run, name, seed, s]) for s in SIDES])
+        timed = fastest[:, np.isfinite(fastest).all(axis=0)]
+        if timed.size:
+            base_ms, head_ms = np.maximum(np.median(timed, axis=1), LEAST_MS).tolist()
             sequence = name.removesuffix(f"-s{seed}")
             row = {"sequence": sequence, "seed": seed, "base_ms": base_ms, "head_ms": head_ms}
             runs.setdefault(run, []).append(row)

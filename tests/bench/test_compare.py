@@ -272,6 +272,17 @@ def test_of_each_frame_the_smallest_time_counts():
     assert smallest(quick, ["t"])["t@15hz"][0]["head_ms"] == 0.05
 
 
+def test_frames_that_a_program_lost_do_not_hide_the_latency_of_the_others():
+    nan = float("nan")
+    base = [[10.0, nan, 20.0, 30.0], [11.0, 9.0, 18.0, nan]]
+    head = [[20.0, 19.0, nan, 40.0], [21.0, 50.0, nan, 60.0]]
+    times = {("t", "t@15hz", "box-s3", 3, "base"): base, ("t", "t@15hz", "box-s3", 3, "head"): head}
+    # frames 0, 1 and 3 are timed on both sides: 10, 9, 30 and 20, 19, 40
+    assert smallest(times, ["t"]) == {"t@15hz": [{"sequence": "box", "seed": 3, "base_ms": 10.0, "head_ms": 20.0}]}
+    untimed = {key: [[nan] * 4] * 2 for key in times}
+    assert smallest(untimed, ["t"]) == {}
+
+
 @pytest.mark.ci
 def test_a_tracker_of_the_working_tree_that_is_edited_meanwhile_is_not_compared(foreign):
     program = foreign / "programs/stream.py"
