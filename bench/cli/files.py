@@ -101,19 +101,25 @@ def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str
 def calibrate_command(
     sources: tuple[Path, ...], board: str, square_m: float, model: Any, bits: int | None, out: Path
 ) -> None:
-    """Find K and distortion of a camera from images, folders or videos of a checkerboard."""
+    """Find K and distortion of a camera from images, folders or videos of a checkerboard.
+
+    Of a folder or video at most 60 pictures are taken, evenly spread.
+    """
     from uavbench.scenes.calibration import CALIBRATION, calibrate, write_coverage
 
     columns, _, rows = board.partition("x")
-    if not (columns.isdigit() and rows.isdigit()):
+    if not (columns.isdecimal() and rows.isdecimal()):
         raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
+    if out.with_suffix(".png") == out:
+        raise UserError(f"--out {out}: the picture of the corners gets this name; name a file such as camera.toml")
     for path in (out, out.with_suffix(".png")):
         refuse_foreign_file(path, CALIBRATION)
         try_place(path)
     found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model, bits=bits or 0)
     found.camera.save(out, kind=CALIBRATION)
     write_coverage(found, out.with_suffix(".png"))
-    say(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
+    say(f"{len(found.used)} images used, {len(found.unused)} without the whole board")
+    say(f"reprojection error {found.rms_px:.3f} px")
     say(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")
     say(out)
 

@@ -34,8 +34,10 @@ def test_help_fits_the_terminal(name):
     (("run", "none.toml"), "none.toml: no such file; `uavbench list` shows the suites"),
     (("tables", "none"), "none/scores.json: no such file; name the folder of a report"),
     (("track", "robust"), "unknown suite 'robust'"),
+    (("calibrate", "none", "--board", "²x8"), "--board '²x8': write the numbers of inner corners as 7x8"),
+    (("calibrate", "none", "--out", "c.png"), "--out c.png: the picture of the corners gets this name; name"),
 ])  # fmt: skip
-def test_a_missing_file_is_told_with_what_to_name(arguments, told, tmp_path, monkeypatch):
+def test_a_mistake_is_told_with_what_to_name(arguments, told, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = uavbench(*arguments)
     assert done.exit_code == 2

@@ -29,9 +29,9 @@ def views(count: int) -> list[Pose]:
     return out
 
 
-def photographed(camera: Camera, folder: Path, count: int = 25) -> Path:
+def photographed(camera: Camera, folder: Path, count: int = 25, poses: list[Pose] | None = None) -> Path:
     pinhole, lens = render_camera(camera)
-    poses = views(count)
+    poses = poses or views(count)
     parts = BOARD.build(np.random.default_rng(0)).parts
     with Renderer(parts, FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
         source = ideal_camera(renderer, camera, pinhole, lens, lambda k: poses[k])
@@ -72,6 +72,29 @@ def test_corners_that_no_camera_fits_are_told(tmp_path: Path) -> None:
         calibrate([pictures], (3, 3), 0.025, model="equidistant")
     with pytest.raises(UserError, match="give inner corners, as in 7x8, 3 or more along each side"):
         calibrate([pictures], (2, 2), 0.025)
+    with pytest.raises(UserError, match="along each side, and at most 200"):
+        calibrate([pictures], (99_999_999_999, 8), 0.025)
+
+
+def test_boards_that_turn_too_little_are_told(tmp_path: Path) -> None:
+    """Their corners fit a wrong camera as well as the right one: the reprojection error does not show it."""
+    shifts = [(0.03 * x, -0.4 - 0.04 * (x + z), 0.14 + 0.02 * z) for x in (-1, 1) for z in (-1, 0, 1)]
+    poses = [looking(eye, (eye[0], 0.0, eye[2])) for eye in shifts]
+    pictures = photographed(Camera(640, 480, 520.0, 523.0, 322.0, 236.0), tmp_path, len(poses), poses)
+    with pytest.raises(UserError, match=r"the board turns by \d\.\d deg at most .* no focal length"):
+        calibrate([pictures], (7, 8), 0.025)
+
+
+@pytest.mark.parametrize("count", [1, 59, 60, 61, 119, 120, 1000])
+def test_at_most_sixty_pictures_are_taken_from_the_first_to_the_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    for k in range(count):
+        (tmp_path / f"{k:04d}.png").touch()
+    monkeypatch.setattr("uavbench.scenes.calibration.load_image", lambda *_, **__: np.zeros((8, 8), dtype=np.uint8))
+    monkeypatch.setattr("uavbench.scenes.calibration.find_corners", lambda *_: None)
+    with pytest.raises(UserError, match=f"only 0 of {min(count, 60)} pictures"):
+        calibrate([tmp_path], (7, 8), 0.025)
 
 
 def test_pictures_without_a_board_are_told(tmp_path: Path) -> None:
