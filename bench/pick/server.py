@@ -24,14 +24,14 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.overlay import PIECES
 from uavbench.tracker.images.track_images import frames, load_model
-from uavbench.tracker.initialization import pose_from_points
+from uavbench.tracker.initialization import pose_from_points, read_init
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.visible_edges import to_image, visible_edges
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.reading import json_value
-from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.files.writing import new_file
 from uavbench.trajectories.pose import Array
 
 PAGE = Path(__file__).parent / "pick.html"
@@ -82,7 +82,7 @@ class Picking:
         return {"lines": lines, "residuals_px": away.tolist(), "rms_px": float(np.sqrt(np.mean(away**2)))}
 
     def save(self, pairs: Iterable[Any]) -> dict[str, Any]:
-        """Write `init.toml`, completely or not at all; UserError when the pairs determine no pose."""
+        """Write `init.toml`, completely or not at all; UserError for pairs that it could not be read with."""
         pairs = list(pairs)
         solved = self.solve(pairs)
         points, pixels = self._read(pairs)
@@ -90,7 +90,12 @@ class Picking:
             f"    {{ model_m = {point}, image_px = {[round(v, 3) for v in pixel]} }},\n"
             for point, pixel in zip(points.tolist(), pixels.tolist(), strict=True)
         ]
-        write_text(self.out, "points = [\n" + "".join(rows) + "]\n", kind=POINTS)
+        with new_file(self.out, kind=POINTS) as new:
+            new.write_text("points = [\n" + "".join(rows) + "]\n", encoding="utf-8", newline="\n")
+            try:
+                read_init(new, self.camera, self.structure)
+            except UserError as error:
+                raise UserError(str(error).removeprefix(f"{new}: ")) from None
         return {"saved": str(self.out), "rms_px": solved["rms_px"]}
 
     def _read(self, pairs: Iterable[Any]) -> tuple[Array, Array]:

@@ -74,6 +74,16 @@ def test_what_is_saved_is_read_as_a_first_pose(picking, sequence):
     assert np.abs(difference).max() < 1e-3
 
 
+def test_two_corners_that_were_exchanged_are_refused_as_their_reader_would(picking, sequence):
+    pairs = true_pairs(picking, sequence, 6)
+    pairs[2]["image_px"], pairs[4]["image_px"] = pairs[4]["image_px"], pairs[2]["image_px"]
+    with pytest.raises(
+        UserError, match=r"^points: at the pose that fits best, points\[2\] is 31.4 px from its pixel; check"
+    ):
+        picking.save(pairs)
+    assert not list(picking.out.parent.iterdir())
+
+
 def test_only_who_has_the_address_is_answered(picking, sequence):
     with served(picking) as address:
         root = address.rsplit("/", 1)[0]
