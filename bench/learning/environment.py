@@ -167,6 +167,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         self._loop.guidance = self._guidance
         self._points, self._normals = surface_points(scene.built.structure)
         self._seen = np.zeros(len(self._points), dtype=bool)
+        self._heard, self._heard_ns = np.zeros((0, 6)), -1
         while self._loop.image is None and self._flies(self._loop):  # effects may drop frames
             self._to_next_frame(self._loop)
         if self._loop.image is None:
@@ -245,14 +246,21 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         step = min(loop.simulation.step, loop.simulation.steps) - 1
         image: Image | None = loop.image
         assert image is not None
-        readings = loop.samples[self._imu].values[-self._readings :]
-        missing = self._readings - len(readings)
         return {
             "image": image,
-            "imu": np.vstack([np.tile(readings[:1], (missing, 1)), readings]),
+            "imu": self._latest_readings(loop),
             "estimate": self._believed(loop),
             "planned": self._guidance.planned[max(step, 0)][[0, 1, 2, 9]],
         }
+
+    def _latest_readings(self, loop: Loop) -> Array:
+        """The latest readings (n, 6) of the IMU, of earlier frames too where this one brought fewer."""
+        given = loop.samples[self._imu]
+        new = given.stamps_ns > self._heard_ns
+        self._heard = np.vstack([self._heard, given.values[new]])[-self._readings :]
+        self._heard_ns = int(given.stamps_ns.max(initial=self._heard_ns))
+        missing = self._readings - len(self._heard)
+        return np.vstack([np.tile(self._heard[:1], (missing, 1)), self._heard])
 
 
 def any_number(*shape: int) -> spaces.Box[np.float64]:

@@ -80,6 +80,23 @@ def test_an_agent_that_follows_the_plan_sees_the_surface_and_comes_to_the_end(en
     assert np.linalg.norm(observed["estimate"][:3] - observed["planned"][:3]) < 0.2
 
 
+@pytest.mark.parametrize("rate_hz", [4.0, 40.0])
+def test_an_imu_slower_than_the_camera_is_observed_too(tmp_path, rate_hz):
+    """A frame without a new reading shows the one before it."""
+    (tmp_path / "slow.toml").write_text(SUITE.replace('{ kind = "imu" }', f'{{ kind = "imu", rate_hz = {rate_hz} }}'))
+    made = InspectionEnv.of_suite(str(tmp_path / "slow.toml"), "truth")
+    observed, _ = made.reset(seed=1)
+    seen = [observed]
+    for _ in range(5):
+        observed, _, failed, over, _ = made.step(towards_the_plan(observed))
+        assert not (failed or over)
+        seen.append(observed)
+    made.close()
+    assert all(made.observation_space.contains(one) for one in seen)
+    different = {one["imu"].tobytes() for one in seen}
+    assert len(different) == (2 if rate_hz == 4.0 else len(seen))  # readings at 0 and 0.25 s, frames until 0.33 s
+
+
 def test_an_agent_that_dives_is_told_of_its_crash(env):
     env.reset(seed=1)
     for _ in range(31):
