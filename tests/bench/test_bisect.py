@@ -12,8 +12,9 @@ from click.testing import CliRunner
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.paired_scores import Measured, Side
 from uavbench.bench.history.bisect import Cannot, Measurement, between, bisect
-from uavbench.bench.history.measuring import Measuring
+from uavbench.bench.history.measuring import BISECTION, Measuring
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
 
 pytestmark = pytest.mark.skipif(shutil.which("git") is None, reason="absent: git")
 ROOT = Path(__file__).parents[2]
@@ -113,6 +114,17 @@ def test_what_a_merge_brought_is_found_on_its_branch(repository):
     values |= dict.fromkeys(own, 0.0) | {name: 0.1 * (k >= 2) for k, name in enumerate(branch)} | {last: 0.1}
     found = bisect(names[0], last, 0.01, measured(values)[0], lambda _: None)
     assert found.suspects == [branch[2]]
+
+
+def test_a_bisection_without_a_result_leaves_none_of_an_earlier_one(repository):
+    commit(repository, "notes", "a")
+    earlier = repository / "out/bisect/bisect.json"
+    write_text(earlier, json.dumps({"metric": "ATE"}, indent=1) + "\n", kind=BISECTION)
+    done = CliRunner().invoke(main, ["bisect", "gone", "--metric", "ATE"])
+    assert done.exit_code == 2 and not earlier.exists()
+    earlier.write_text("mine")
+    done = CliRunner().invoke(main, ["bisect", "gone", "--metric", "ATE"])
+    assert done.exit_code == 2 and earlier.read_text() == "mine"
 
 
 def test_mistakes_are_told(repository):
