@@ -8,12 +8,13 @@ from uavbench.tracker.robust.config.solver import BiasConfig, EstimatorConfig
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.matches import PatchMatches
-from uavbench.tracker.robust.solver.bias_state import FrameSums
+from uavbench.tracker.robust.solver.bias_state import ExpectedOffsets, FrameSums, KindSums, LocalBiases
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
 from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.tracker.robust.solver.solve_kernels import refine
+from uavbench.tracker.robust.solver.spread_kernels import Joint, weigh_edges
 from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT
 from uavbench.tracker.robust.view import AT_ONCE, NOTHING_MASKED, View
 from uavbench.trajectories.pose import Pose
@@ -175,6 +176,19 @@ def test_an_edge_is_weighed_by_how_far_it_is_from_where_a_fit_without_its_mean_e
     assert expected[MOVED] < 0.5 < np.delete(expected, MOVED).min()
     np.testing.assert_allclose(twice.weighting.edge_weight, expected, rtol=1e-4)
     assert (twice.weighting.weight <= expected[drawn.edge] * drawn.weight * (1 + 1e-4)).all()
+
+
+def test_edges_keep_their_weights_where_a_fit_has_no_covariance():
+    S, weight = np.array([40.0, 0.0]), np.array([1.0, 0.5])
+    sums = FrameSums(S, np.ones((2, 6)), np.ones(2), np.eye(6), np.ones(6), np.eye(6), np.zeros(6))
+    none = KindSums(np.zeros(0), np.zeros((0, 12)), np.zeros(0))
+    offsets = np.zeros((2, 6)), np.ones(2), np.zeros(2), np.array([-1, -1]), np.zeros(2)
+    biases = LocalBiases(np.eye(6), np.zeros(6), *offsets, none, ExpectedOffsets(np.zeros(2), np.ones(2)))
+    weigh_edges(sums, biases, none, Joint(np.zeros(12), np.full((12, 12), np.nan)), weight)
+    assert weight.tolist() == [1.0, 0.5]
+    weigh_edges(sums, biases, none, Joint(np.zeros(12), 1e-9 * np.eye(12)), weight)
+    assert 0.0 < weight[0] < 1.0
+    assert weight[1] == 0.5
 
 
 def weights_of_patches(points, moved_px, sigma_px):

@@ -2,6 +2,7 @@
 were assumed of them.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +45,8 @@ def weigh_edges(sums: FrameSums, biases: LocalBiases, of_kinds: KindSums, joint:
     frames told of the edge's offset, expect their mean, in standard deviations (Cook & Weisberg 1982). What else comes
     to lie where an edge was found may draw the fit along, and leaves no residual there.
 
-    of_kinds: of `marginalize_offsets`. An edge that has no weight yet, or none any more, keeps what it has.
+    of_kinds: of `marginalize_offsets`. Edges keep their weights where they have no point in the fit, or where rounding
+    left it without a covariance.
     """
     S, s, d, cross = sums.offset_weight, sums.offset_jacobian, sums.offset_residual, biases.cross
     value, covariance, row = joint.value, joint.covariance, np.empty(len(joint.value))
@@ -64,6 +66,8 @@ def weigh_edges(sums: FrameSums, biases: LocalBiases, of_kinds: KindSums, joint:
         for i in range(12):
             for j in range(12):
                 known_px2 += row[i] * covariance[i, j] * row[j]
+        if math.isnan(known_px2):
+            continue
         left = max(LEAST_LEFT / S[g], 1.0 / S[g] - known_px2)
         cost = residual * residual / (EFFICIENT * EFFICIENT * left)
         edge_weight[g] = (1.0 - cost) * (1.0 - cost) if cost < 1.0 else 0.0
