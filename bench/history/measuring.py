@@ -110,19 +110,19 @@ class Measuring:
 def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, workers: int) -> int:
     """Find the first commit with a worse metric and write bisect.json into `out`; 0, or 3 when several suspects remain.
 
-    The bisect.json of an earlier bisection is removed first.
+    The bisect.json of an earlier bisection is removed once what was asked for is known to be there.
 
     refs: good and bad commit; margin: as `bisect`. UserError for an unknown metric, tracker or commit, and when the bad
     commit is not worse.
     """
     out = resolved(out)
     refuse_foreign_file(out / "bisect.json", BISECTION)
-    (out / "bisect.json").unlink(missing_ok=True)  # a bisection that ends without a result would leave it as its own
     if what.metric not in (names := [*ERRORS, COVERAGE]):
         hint = "; times need interleaved runs: use `uavbench compare`" if what.metric == "latency" else ""
         raise UserError(f"{unknown_name('metric', what.metric, names)}{hint}")
     good, bad = between(*refs)
     with measuring(bad, what, out, workers) as measure:
+        (out / "bisect.json").unlink(missing_ok=True)  # a bisection without a result would leave it as its own
         if isinstance(measure, int):
             return measure
         found = bisect(good, bad, margin, measure, lambda line: say(line, err=True))

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -116,14 +117,18 @@ def test_what_a_merge_brought_is_found_on_its_branch(repository):
     assert found.suspects == [branch[2]]
 
 
-def test_a_bisection_without_a_result_leaves_none_of_an_earlier_one(repository):
+def test_a_bisection_without_a_result_leaves_none_of_an_earlier_one(repository, monkeypatch):
+    """One that was asked for by mistake, as of an unknown commit, measures nothing and leaves what is there."""
     commit(repository, "notes", "a")
+    commit(repository, "notes", "b")
     earlier = repository / "out/bisect/bisect.json"
     write_text(earlier, json.dumps({"metric": "ATE"}, indent=1) + "\n", kind=BISECTION)
-    done = CliRunner().invoke(main, ["bisect", "gone", "--metric", "ATE"])
-    assert done.exit_code == 2 and not earlier.exists()
+    for wrong in (["gone", "--metric", "ATE"], ["HEAD~1", "--metric", "speed"]):
+        assert CliRunner().invoke(main, ["bisect", *wrong]).exit_code == 2 and earlier.exists()
+    monkeypatch.setattr("uavbench.bench.history.measuring.measuring", lambda *_: nullcontext(1))  # rendering fails
+    assert CliRunner().invoke(main, ["bisect", "HEAD~1", "--metric", "ATE"]).exit_code == 1 and not earlier.exists()
     earlier.write_text("mine")
-    done = CliRunner().invoke(main, ["bisect", "gone", "--metric", "ATE"])
+    done = CliRunner().invoke(main, ["bisect", "HEAD~1", "--metric", "ATE"])
     assert done.exit_code == 2 and earlier.read_text() == "mine"
 
 
