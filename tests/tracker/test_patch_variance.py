@@ -6,7 +6,8 @@ import pytest
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
-from uavbench.tracker.robust.patches.patches import YOUNG_S, Texture
+from uavbench.tracker.robust.patches.patch_kernels import YOUNG_S
+from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.view import View
 
 FRAME_S = 1 / 15

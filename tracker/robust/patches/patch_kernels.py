@@ -22,7 +22,6 @@ from uavbench.tracker.robust.patches.matches import (
     Warp,
 )
 from uavbench.tracker.robust.view import VIEW, View, is_clear, pixel_of
-from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
@@ -37,6 +36,11 @@ REACH_TEXELS = 6
 """Half width of the coarse search, in steps of two texels, and largest shift of an alignment: limits its time."""
 LEAST_AGE_S = 1e-3
 """Least age of a patch, s: a patch of the current frame has a small but positive weight."""
+YOUNG_S = 0.1
+"""Age at which the variance of a patch is twice that of an old one, since it may lie on a moving occluder. Measured on
+19 flights at 15 Hz: those of one frame are as near to the others as old ones, 0.05 to 0.09 px, except before moving
+trees (0.34 px RMS in place of 0.14). With 1 s in its place errors are 4 % larger, with 0.02 s 3 % at 5 Hz.
+"""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
@@ -52,16 +56,6 @@ class Likeness(NamedTuple):
     correlation: float
     mean: float
     scale: float
-
-
-class Ages(NamedTuple):
-    """The present time, and the age at which the variance of a patch is twice that of an old one, s."""
-
-    now_s: float
-    young_s: float
-
-
-AGES = named_tuple(Ages, "f0 f0")
 
 
 @compiled("u3 warp f0 f0 f2!", inner=True, warp=WARP)
@@ -190,11 +184,17 @@ def choose(
     return chosen
 
 
-@compiled("u3 patches i1 ages view f0 alignment", patches=PATCHES, ages=AGES, view=VIEW, alignment=ALIGNMENT)
+@compiled("u3 patches i1 f0 view f0 alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
 def align(
-    image: Image, patches: Patches, chosen: Indices, ages: Ages, view: View, least_grey: float, config: AlignmentConfig
+    image: Image,
+    patches: Patches,
+    chosen: Indices,
+    now_s: float,
+    view: View,
+    least_grey: float,
+    config: AlignmentConfig,
 ) -> PatchMatches:
-    """Matches of the chosen patches (m,) near their projections in a view, of at least a contrast in grey levels.
+    """Matches at a time of the chosen patches (m,) near their projections in a view, of a least contrast in grey.
 
     Patches whose scale has changed too much since their creation are not searched. The variance grows with the
     difference between a patch and its reference, and is larger for new patches.
@@ -238,7 +238,7 @@ def align(
             area = abs(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
             variance[k] += 2.0 * (1.0 - best) / (SIDE * SIDE) * spread * area
     for k in range(n):
-        variance[k] *= 1.0 + ages.young_s / max(ages.now_s - patches.taken_s[chosen[k]], LEAST_AGE_S)
+        variance[k] *= 1.0 + YOUNG_S / max(now_s - patches.taken_s[chosen[k]], LEAST_AGE_S)
     return PatchMatches(places, observed, score, variance)
 
 

@@ -19,7 +19,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.corner_kernels import KeepOut, faces_of_all, strong_pixels
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
-from uavbench.tracker.robust.patches.patch_kernels import Ages, align, choose, count_hits, shift_places
+from uavbench.tracker.robust.patches.patch_kernels import align, choose, count_hits, shift_places
 from uavbench.tracker.robust.view import CLEAR_PX, View
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
@@ -37,11 +37,6 @@ FIRST_SPOTS = 400
 SPACING_PX = float(SIDE)
 """Least distance between patches, so that they do not overlap. Measured around a box 2.5 m away: patches 6 px apart
 drift.
-"""
-YOUNG_S = 0.1
-"""Age at which the variance of a patch is twice that of an old one, since it may lie on a moving occluder. Measured on
-19 flights at 15 Hz: those of one frame are as near to the others as old ones, 0.05 to 0.09 px, except before moving
-trees (0.34 px RMS in place of 0.14). With 1 s in its place errors are 4 % larger, with 0.02 s 3 % at 5 Hz.
 """
 
 Indices = NDArray[np.int64]
@@ -71,8 +66,7 @@ class Texture:
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
-        ages = Ages(self.now_s, YOUNG_S)
-        return unchecked(align)(image, self.patches, self.chosen, ages, view, self.noise_grey, self.alignment)
+        return unchecked(align)(image, self.patches, self.chosen, self.now_s, view, self.noise_grey, self.alignment)
 
     def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
         """Number of the chosen patches (m,) that were inliers; those missed too often are removed.
