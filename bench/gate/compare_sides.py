@@ -13,6 +13,7 @@ from uavbench.bench.config.plugin_models import import_plugin
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import SUITES
 from uavbench.bench.gate.versions import Version, placed
+from uavbench.bench.inputs.command_files import editable_folders
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.executors import PACKAGES
 from uavbench.trajectories.errors import UserError, plain
@@ -67,13 +68,16 @@ def at_work(version: Version, file: Path, labels: list[str]) -> Iterator[Side]:
     mine = {label: placed(version, tables[label], file.parent) for label in labels if label in tables}
     unknown = {label: f"{suite}: no tracker of this name" for label in labels if label not in tables}
     unknown |= {label: f"{each.missing[0]} is not in {version.commit}" for label, each in mine.items() if each.missing}
-    roots = {label: root for label, table in tables.items() if (root := plugin_root(table))}
-    foreign = [label for label, each in mine.items() if each.table.get("kind") == "external" and not each.own]
-    foreign += [label for label, root in roots.items() if label in mine and not version.keeps(root)]
+    roots = {label: _roots(tables[label], each.table) for label, each in mine.items()}
+    places = [root for found in roots.values() for root in found]
+    external = {label for label, each in mine.items() if each.table.get("kind") == "external"}
+    own = {label for label, found in roots.items() if any(map(version.keeps, found))}
+    own |= {label for label in external if mine[label].own}
+    foreign = tuple(label for label, found in roots.items() if (found or label in external) and label not in own)
     placed_tables = {label: each.table for label, each in mine.items()}
     command = [sys.executable, "-P", "-m", "uavbench.bench.gate.track_server"]
-    with talk(command, version.environment([*roots.values()]), version.folder) as server:
-        yield Side(version, suite, placed_tables, unknown, tuple(foreign), server)
+    with talk(command, version.environment(places), version.folder) as server:
+        yield Side(version, suite, placed_tables, unknown, foreign, server)
 
 
 def file_of(version: Version, file: Path) -> Path:
@@ -101,6 +105,18 @@ def trackers_in(suite: Path) -> dict[str, dict[str, Any]]:
     except (KeyError, AttributeError, AssertionError) as error:
         raise UserError(f"{suite}: not a readable suite: {error}") from None
     return tables
+
+
+def _roots(table: Mapping[str, Any], there: Mapping[str, Any]) -> list[Path]:
+    """Folders from which a tracker's plug-in, or editable installs of its program's Python, are imported here.
+
+    there: the table with its files replaced by those of a version.
+    """
+    if table.get("kind") != "external":
+        return [root] if (root := plugin_root(table)) else []
+    words = there.get("command")
+    is_command = isinstance(words, list) and all(isinstance(word, str) for word in words)
+    return editable_folders(words) if words and is_command else []
 
 
 def plugin_root(table: Mapping[str, Any]) -> Path | None:

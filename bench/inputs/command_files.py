@@ -25,12 +25,28 @@ def command_files(command: Sequence[str]) -> tuple[Path, ...]:
     These are the `run_files`; the files named in their scripts, in any language, and the libraries that a user's
     program is linked with (`named_files`); and, for a Python interpreter, the metadata of installed distributions.
     """
-    program, run = programs(command), {*run_files(command), *(path for word in command for path in whole_paths(word))}
-    found = named_files(run, among(_search(program)))
-    pythons = {*program, *(path for path in found if path.name.startswith(PYTHONS))}
+    found = _named(command)
+    pythons = _pythons(command, found)
     lists = [path for at in pythons for site in sites_of(at) for name in LISTS for path in site.glob(name)]
     settings = [path.parent.parent / "pyvenv.cfg" for path in pythons]
     return tuple(sorted({*found, *filter(is_file, [*lists, *settings])}))
+
+
+def editable_folders(command: Sequence[str]) -> list[Path]:
+    """Folders of editable installs from which the Pythons that a command or its scripts start import."""
+    pythons = _pythons(command, _named(command))
+    return list(dict.fromkeys(place for path in pythons for site in sites_of(path) for place in in_place(site)))
+
+
+def _named(command: Sequence[str]) -> set[Path]:
+    """The `run_files` of a command, the files whose whole paths it holds, and all files that these name."""
+    run = {*run_files(command), *(path for word in command for path in whole_paths(word))}
+    return named_files(run, among(_search(programs(command))))
+
+
+def _pythons(command: Sequence[str], named: set[Path]) -> list[Path]:
+    """The programs of a command, and the Python interpreters among the files that it names."""
+    return list(dict.fromkeys([*programs(command), *sorted(p for p in named if p.name.startswith(PYTHONS))]))
 
 
 def programs(command: Sequence[str]) -> list[Path]:

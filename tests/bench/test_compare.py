@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import venv
 from pathlib import Path
 
 import pytest
@@ -217,6 +218,34 @@ def test_all_of_a_version_comes_from_its_own_tree(foreign):
 
 
 LABELS = ("same", "table", "stream", "folder", "plugin")
+
+
+@pytest.mark.ci
+def test_what_a_program_imports_from_an_editable_install_is_that_of_each_version(foreign):
+    venv.create(foreign / ".venv", symlinks=True)
+    site = next((foreign / ".venv").glob("lib/python*/site-packages"))
+    (site / "installed.pth").write_text(str(foreign / "installed") + "\n")
+    for name, text in {"my_stream.py": STREAM.replace("offset", "shift"), "shift.py": "OFF = 0.0\n"}.items():
+        (foreign / "installed").mkdir(exist_ok=True)
+        (foreign / "installed" / name).write_text(text)
+    (foreign / "programs/start.py").write_text("import my_stream\n")
+    trackers = """
+    script = { kind = "external", command = ["../.venv/bin/python", "../programs/start.py"] }
+    module = { kind = "external", command = ["../.venv/bin/python", "-m", "my_stream"] }
+    """
+    (foreign / "suites/offset.toml").write_text(OFFSET.partition("[trackers]")[0] + "[trackers]" + trackers)
+    git(foreign, "add", "installed", "programs", "suites")
+    git(foreign, "commit", "-qm", "install")
+    (foreign / "installed/shift.py").write_text("OFF = 0.3\n")
+    git(foreign, "commit", "-qam", "worse")
+    arguments = ["--suite", "suites/offset.toml", "--repeats", "1", "--jobs", "1"]
+    for refs in (("HEAD~1", "HEAD"), ("HEAD~1",)):
+        result = CliRunner().invoke(main, ["compare", *refs, *arguments])
+        assert result.exit_code in (1, 3), result.output
+        assert "nothing of its program" not in result.output
+        for label in ("script", "module"):
+            assert off(foreign, "base", label) == pytest.approx(0.0, abs=1e-9)
+            assert off(foreign, "head", label) == pytest.approx(0.3, abs=1e-9)
 
 
 def test_what_the_base_lacks_and_what_is_not_in_git_is_told(foreign, tmp_path_factory):
