@@ -1,7 +1,7 @@
 """The organizer's record of a challenge: the mapping of public to true sequence names."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -29,8 +29,8 @@ class Hidden:
 class Challenge:
     """A challenge: its identifier, its frame rate in Hz, and its sequences by public name.
 
-    The identifier is derived from the secret and the suite's sequences, so that all packages of a challenge share
-    it.
+    The identifier is derived from the secret, the suite's sequences and all that their ground truth is rendered from,
+    so that all packages of a challenge share it, and scores against another ground truth have another one.
     """
 
     challenge: str
@@ -38,8 +38,11 @@ class Challenge:
     sequences: Mapping[str, Hidden]
 
     @classmethod
-    def of(cls, suite: Suite, secret: Secret) -> "Challenge":
-        """The challenge of a suite, with its sequences in an order derived from the secret."""
+    def of(cls, suite: Suite, secret: Secret, keys: Iterable[str]) -> "Challenge":
+        """The challenge of a suite, with its sequences in an order derived from the secret.
+
+        keys: hashes of all that the sequences are rendered from, the versions of uavbench and of libraries included.
+        """
         names = sorted((spec.name for spec in suite.sequences), key=lambda name: secret.derived("order", name))
         flight_of = {spec.name: spec.name.removesuffix(f"-s{spec.seed}") for spec in suite.sequences}
         flights = list(dict.fromkeys(flight_of[name] for name in names))
@@ -49,18 +52,21 @@ class Challenge:
             for number, name in enumerate(names, start=1)
         }
         rate_hz = max(suite.rates_hz)
-        what = json.dumps([suite.flights, rate_hz, sorted(names)])
+        what = json.dumps([suite.flights, rate_hz, sorted(names), sorted(keys)])
         return cls(secret.identifier(what), rate_hz, hidden)
 
-    def save(self, folder: Path) -> None:
-        """Write the record into the organizer's folder; UserError when the folder belongs to another challenge."""
-        path = folder / CHALLENGE
-        if path.exists() and self.load(folder).challenge != self.challenge:
+    def refuse_other(self, folder: Path) -> None:
+        """Raise UserError when an organizer's folder belongs to another challenge."""
+        if (folder / CHALLENGE).exists() and self.load(folder).challenge != self.challenge:
             raise UserError(
-                f"{folder}: belongs to another challenge, with another secret or other sequences, whose submissions "
-                "could not be scored any more; name another folder with --truth"
+                f"{folder}: belongs to another challenge, with another secret or other sequences, or rendered by "
+                "another version of uavbench, a library or a plug-in, whose submissions could not be scored any more; "
+                "pack with those, or name another folder with --truth, for a new package"
             )
-        write_text(path, json.dumps(asdict(self), indent=1) + "\n", kind="flights of a challenge")
+
+    def save(self, folder: Path) -> None:
+        """Write the record into the organizer's folder."""
+        write_text(folder / CHALLENGE, json.dumps(asdict(self), indent=1) + "\n", kind="flights of a challenge")
 
     @classmethod
     def load(cls, folder: Path) -> "Challenge":

@@ -59,10 +59,10 @@ def pack(suite_name: str, where: Packing) -> int:
     with suite_folder(truth, suite, kind=TRUTH):
         secret = read_or_make(secret_file)
         hidden = {spec.name: replace(spec, seed=secret.seed(spec.name)) for spec in specs}
-        challenge = Challenge.of(suite, secret)
-        challenge.save(truth)
         planned = partial(plan, replace(suite, sequences=tuple(hidden.values())), truth, "render")
         jobs = planned()
+        challenge = Challenge.of(suite, secret, (job.content_hash for job in jobs))
+        challenge.refuse_other(truth)
         _refuse_replaced(jobs, truth)
         with disowned_if_ended(jobs, planned), local_pool(where.workers) as pool:
             outcome = run_graph(jobs, *pool)
@@ -70,6 +70,7 @@ def pack(suite_name: str, where: Packing) -> int:
             refuse_touched(jobs, planned, outcome.done)
         if outcome.failed:
             return 2 if outcome.users_mistake else 1
+        challenge.save(truth)
         sequences = {
             alias: Sequence.load(truth / "sequences" / kept.name) for alias, kept in challenge.sequences.items()
         }

@@ -197,6 +197,17 @@ def test_the_truth_of_a_package_is_not_replaced_by_another_version(challenge, tm
     assert lost.is_file(), "what is damaged is made again, the same"
 
 
+def test_the_truth_of_another_version_is_another_challenge_with_the_same_secret(challenge, tmp_path, monkeypatch):
+    monkeypatch.setattr("uavbench.bench.runner.jobs.code_hash", lambda *packages: "of another version")
+    more = ("--truth", tmp_path / "kept", "--secret", challenge / "kept" / SECRET, "--private-suite")
+    done = packed(challenge / "contest.toml", tmp_path / "participants", *more)
+    assert done.exit_code == 0, done.output
+    before, after = (Challenge.load(folder) for folder in (challenge / "kept", tmp_path / "kept"))
+    assert before.sequences == after.sequences
+    assert before.challenge != after.challenge
+    assert json.loads((tmp_path / "participants/package.json").read_text())["challenge"] == after.challenge
+
+
 def test_packing_again_renders_nothing_and_gives_the_same_bytes(challenge):
     before = package(challenge)
     done = packed(challenge / "contest.toml", challenge / "again", "--truth", challenge / "kept", "--private-suite")
