@@ -1,0 +1,54 @@
+"""Whether two files of uavbench are of one sequence, by the hashes in the records beside them.
+
+The stamps of all sequences begin at 0, so that the poses of one pair with the ground truth of any other.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.trajectories.errors import UserError
+
+OURS = re.compile(r"(groundtruth|flight|frames)\.csv|(estimate|groundtruth)_world_from_(body|cam)\.tum")
+"""Names of the files with poses in the folder of a sequence or of results."""
+
+
+class OfSequence(NamedTuple):
+    """Name of the sequence that a file is of, the hash of its content, and the record that says so."""
+
+    name: str
+    content_hash: str
+    record: Path
+
+
+def doubts_of_sequence(reference: Path, estimate: Path) -> Iterator[str]:
+    """A sentence where the records beside two files name different sequences, or different versions of one."""
+    true, given = sequence_of(reference), sequence_of(estimate)
+    if true is None or given is None or true.content_hash == given.content_hash:
+        return
+    if true.name != given.name:
+        yield (
+            f"the estimate is of the sequence {given.name} ({given.record}), the reference of {true.name} "
+            f"({true.record}): are these the files to be compared?"
+        )
+    else:
+        yield (
+            f"the estimate is of another version of the sequence {given.name} than the reference ({given.record}, "
+            f"{true.record}): was it rendered again since? Track it again"
+        )
+
+
+def sequence_of(file: Path) -> OfSequence | None:
+    """The sequence that a file of uavbench is of; None for other files, and where no record names it."""
+    if not OURS.fullmatch(file.name):
+        return None
+    for record in (file.with_name("sequence.json"), file.with_name("record.json")):
+        with suppress(UserError):
+            about = read_json(record)
+            of = about.get("sequence") if record.name == "record.json" else about
+            if isinstance(of, dict) and of.get("name") and of.get("content_hash"):
+                return OfSequence(str(of["name"]), str(of["content_hash"]), record)
+    return None
