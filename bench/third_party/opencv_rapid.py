@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
-from uavbench.bench.third_party.tracker import SETUP, ThirdPartyTracker
+from uavbench.bench.third_party.tracker import SETUP, VERSIONS, ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
@@ -48,10 +48,17 @@ class OpencvRapid(ThirdPartyTracker):
         return (str(self.folder() / "venv" / "bin" / "python"), str(RUNNER), self.method, *numbers)
 
     @classmethod
+    def recipe(cls) -> str:
+        """The packages of its environment."""
+        return " ".join(PACKAGES)
+
+    @classmethod
     def setup(cls) -> dict[str, str]:
         """Create the environment and install tested versions of the runner's dependencies; UserError on failure."""
-        folder = cls.folder() / "venv"
+        folder, marker = cls.folder() / "venv", cls.folder() / VERSIONS
         _empty(folder)
+        if sealed_kind(marker) == SETUP:
+            marker.unlink()  # of the environment that was emptied
         try:
             venv.create(folder, with_pip=True)
         except (OSError, subprocess.CalledProcessError) as error:

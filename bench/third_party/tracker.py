@@ -3,6 +3,7 @@
 import json
 import os
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -19,13 +20,14 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
 
 SETUP = "setup of a tracker"
+VERSIONS, RECIPE = "versions.json", "recipe"
 
 
 class ThirdPartyTracker(ABC):
     """A tracker by other authors: a frozen dataclass of its parameters, with `command`.
 
     It is unavailable until `uavbench third-party setup NAME` has set it up. Then its folder holds `versions.json` with
-    the versions of its components, which are part of the hash of every result.
+    the versions of its components, which are part of the hash of every result, and the `recipe` that it was made by.
     """
 
     name: ClassVar[str]
@@ -41,9 +43,17 @@ class ThirdPartyTracker(ABC):
     @classmethod
     def absence(cls) -> str:
         """Reason why it is not available on this machine; "" if it is."""
-        if (cls.folder() / "versions.json").is_file():
-            return ""
-        return f"not set up on this machine; `uavbench third-party setup {cls.name}` does it"
+        how = f"`uavbench third-party setup {cls.name}`"
+        if not (cls.folder() / VERSIONS).is_file():
+            return f"not set up on this machine; {how} does it"
+        if cls._marked().get(RECIPE) != cls.recipe():
+            return f"set up by another version of uavbench, which runs it in another way; {how} renews it"
+        return ""
+
+    @classmethod
+    @abstractmethod
+    def recipe(cls) -> str:
+        """What `setup` makes it from, as text: what was made by another recipe is not used."""
 
     @classmethod
     @abstractmethod
@@ -53,7 +63,16 @@ class ThirdPartyTracker(ABC):
     @classmethod
     def mark(cls, versions: dict[str, str]) -> None:
         """Write `versions.json`, which marks it as set up."""
-        write_text(cls.folder() / "versions.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", kind=SETUP)
+        about = {**versions, RECIPE: cls.recipe()}
+        write_text(cls.folder() / VERSIONS, json.dumps(about, indent=1, sort_keys=True) + "\n", kind=SETUP)
+
+    @classmethod
+    def _marked(cls) -> dict[str, Any]:
+        """What `mark` wrote; empty for a file that does not hold it."""
+        with suppress(ValueError, OSError):
+            about = json.loads((cls.folder() / VERSIONS).read_text(encoding="utf-8"))
+            return about if isinstance(about, dict) else {}
+        return {}
 
     @abstractmethod
     def command(self) -> tuple[str, ...]:
@@ -62,13 +81,13 @@ class ThirdPartyTracker(ABC):
     @property
     def entering_files(self) -> tuple[Path, ...]:
         """Files whose content is hashed into every result."""
-        marker = self.folder() / "versions.json"
+        marker = self.folder() / VERSIONS
         return (*self.program.entering_files, marker) if marker.is_file() else ()
 
     @property
     def record(self) -> dict[str, Any]:
         """The tracker's entry in the record of a run."""
-        versions = json.loads((self.folder() / "versions.json").read_text(encoding="utf-8"))
+        versions = {name: value for name, value in self._marked().items() if name not in (RECIPE, "made_by")}
         return {"kind": self.name, "parameters": parameters(self), "versions": versions}
 
     @property

@@ -3,6 +3,7 @@
 ViSP is under the GPL: the runner is compiled and linked on the user's machine, and communicates over pipes.
 """
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -44,6 +45,11 @@ class Visp(ThirdPartyTracker):
         """The runner and its arguments."""
         numbers = (self.range_px, self.edge_threshold, self.sample_step_px, int(self.scanline))
         return (str(self.folder() / "visp_runner"), self.features, *map(str, numbers))
+
+    @classmethod
+    def recipe(cls) -> str:
+        """Hash of the runner's source, which the compiled one must follow."""
+        return hashlib.sha256(SOURCE.read_bytes()).hexdigest()
 
     @classmethod
     def setup(cls) -> dict[str, str]:

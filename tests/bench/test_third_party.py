@@ -73,6 +73,41 @@ def test_a_peer_that_comes_makes_the_report_stale_and_its_version_the_results(no
     }
 
 
+def test_a_peer_that_another_version_set_up_is_absent_until_it_is_set_up_again(nowhere, monkeypatch):
+    """A runner compiled from another source went on to be run, and its results were taken as those of the new one."""
+    Visp.mark({"visp": "3.5"})
+    OpencvRapid.mark({"opencv": "4.1"})
+    trackers = {"visp": Visp(), "opencv-rapid": OpencvRapid()}
+    assert absent(trackers) == {}
+    assert Visp().record["versions"] == {"visp": "3.5"}
+    changed = nowhere / "visp_runner.cpp"
+    changed.write_text(visp.SOURCE.read_text() + "// mended")
+    with monkeypatch.context() as patched:
+        patched.setattr(visp, "SOURCE", changed)
+        patched.setattr("uavbench.bench.third_party.opencv_rapid.PACKAGES", ("numpy==99",))
+        assert all("third-party setup" in why for why in absent(trackers).values()) and len(absent(trackers)) == 2
+        with pytest.raises(UserError, match="another version of uavbench"):
+            Visp().present()
+        Visp.mark({"visp": "3.5"})
+        assert set(absent(trackers)) == {"opencv-rapid"}
+    (OpencvRapid.folder() / "versions.json").write_text("[]")
+    assert "opencv-rapid" in absent(trackers)
+
+
+def test_a_setup_that_fails_leaves_no_peer_that_counts_as_set_up(nowhere, monkeypatch):
+    def made(place, **_):
+        raise OSError("asked for")
+
+    monkeypatch.setattr("venv.create", made)
+    with pytest.raises(UserError, match="asked for"):
+        setup("opencv-rapid")
+    OpencvRapid.mark({"opencv": "4.1"})
+    assert not OpencvRapid.absence()
+    with pytest.raises(UserError, match="asked for"):
+        setup("opencv-rapid")
+    assert OpencvRapid.absence()
+
+
 @pytest.mark.parametrize("name", list(THIRD_PARTY))
 def test_a_peer_keeps_the_protocol_or_says_how_to_get_it(name, tmp_path):
     third_party = THIRD_PARTY[name]()
