@@ -29,7 +29,7 @@ RUN = re.compile(r"run-[1-9][0-9]{0,3}")
 FAULTS = {
     "no-file": "a sequence without a file counts as failed; send one file for each sequence of the package",
     "two-files": "the first one is scored; send one file for each sequence",
-    "foreign-file": "it is not read; send one file for each sequence, and submission.toml",
+    "foreign-file": "it is not read; send one file for each sequence, and submission.toml; runs are run-1 ... run-5",
     "unreadable": "the sequence counts as failed",
     "no-frame": "the sequence counts as failed; repeat the stamps of frames.csv",
     "bad-rows": "frames without a valid row count as failed; of several rows of a frame the first one is scored",
@@ -110,7 +110,7 @@ def _files(
         if len(paths) > 1:
             faults.append(Fault("two-files", where + name, " and ".join(str(p.relative_to(folder)) for p in paths)))
     known = {form.format(name).split("/")[0] for form in FORMS for name in sequences} | set(also)
-    foreign = [name for name in _names(folder) if name not in known] if found else []
+    foreign = [name for name in _names(folder) if name not in known]
     faults += [Fault("foreign-file", where + name, "does not belong to a submission") for name in foreign[:MOST_NAMED]]
     if foreign[MOST_NAMED:]:
         faults.append(Fault("foreign-file", where, f"and {len(foreign[MOST_NAMED:]):,} more files"))

@@ -249,6 +249,10 @@ def test_the_median_of_up_to_five_runs_counts(challenge, submitted, tmp_path):
         score_submission(challenge / "kept", team)
     (team / "run-6").rmdir()
     assert score_submission(challenge / "kept", team).score_of("run-2") == 0.0, "an empty run counts as failed"
+    (team / "run-3").rename(team / "run-03")
+    (team / "run-2" / "estimates.csv").write_text("")
+    named = [fault for fault in score_submission(challenge / "kept", team).faults if "[foreign-file]" in fault]
+    assert ["run-2/estimates.csv" in named[0], "run-03" in named[1], len(named)] == [True, True, 2]
     (team / f"{NAMES[0]}.csv").write_text("")
     with pytest.raises(UserError, match="has files next to its runs"):
         score_submission(challenge / "kept", team)
