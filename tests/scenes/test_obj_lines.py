@@ -67,6 +67,25 @@ def test_a_face_that_counts_back_too_far_is_told_with_its_line(tmp_path: Path) -
         read(tmp_path / "short.obj")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda _: block(0, 0),
+        lambda text: text + "f 1 2 0\n",
+        lambda text: text.replace("f ", "f\t") + "f\t0/1/1 1/1/1 2/1/1\n",
+        lambda text: text + "f 1//1 2//1 00//1\n",
+    ],
+    ids=["all", "last", "tabs", "with-normals"],
+)
+def test_faces_that_count_from_zero_are_told_with_their_line(tmp_path: Path, change: Callable[[str], str]) -> None:
+    """Zero had been taken for the last vertex: the model was closed, and had another shape."""
+    text = change(TWO)
+    (tmp_path / "zero.obj").write_text(text)
+    row = next(k for k, line in enumerate(text.splitlines(), 1) if line.startswith("f") and " 0" in f" {line[2:]}")
+    with pytest.raises(UserError, match=rf"zero.obj: line {row}: a face refers to vertex 0, and OBJ counts from 1"):
+        read(tmp_path / "zero.obj")
+
+
 def test_a_long_line_beside_a_continued_one_is_read_at_once(tmp_path: Path) -> None:
     """The time is proportional to its length, not to the square."""
     text = continued(TWO) + "# " + "x" * 1_000_000 + "\n"

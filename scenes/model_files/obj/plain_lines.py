@@ -11,6 +11,7 @@ INDENT = re.compile(rb"^[ \t]+", re.MULTILINE)
 TAB = re.compile(rb"^([a-z]+)[ \t]*\t[ \t]*", re.MULTILINE)
 REMARK = re.compile(rb"^((?:v|vt|vn|f) [^#\n]*)#[^\n]*", re.MULTILINE)
 FROM_THE_LAST = re.compile(rb"\nf [^\n#]*-")
+FROM_ZERO = re.compile(rb"^f [^\n]*?(?<=[ \t])[+-]?0+(?![0-9.])[^\n]*", re.MULTILINE)
 COUNTED = {b"v ": 0, b"vt": 1, b"vn": 2}
 """Beginnings of the lines that the numbers of a corner count, by their place in `vertex/texture/normal`."""
 
@@ -20,7 +21,7 @@ def with_plain_lines(path: Path, data: bytes) -> bytes:
 
     Line ends become those of Unix; continued lines are joined, but none to a comment, which may end with a folder's
     backslash; indents, tabs after a keyword and remarks behind numbers are left out. UserError naming the line of a
-    face that counts back to before the first vertex.
+    face that counts from 0, which the reader takes for the last vertex, or back to before the first one.
     """
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -32,6 +33,12 @@ def with_plain_lines(path: Path, data: bytes) -> bytes:
         data = TAB.sub(rb"\1 ", data)
     if data.count(b"#") > data.count(b"\n#") + data.startswith(b"#"):
         data = REMARK.sub(rb"\1", data)
+    if wrong := FROM_ZERO.search(data):
+        row = data.count(b"\n", 0, wrong.start()) + 1
+        raise UserError(
+            f"{path}: line {row}: a face refers to vertex 0, and OBJ counts from 1; add 1 to its indices, or "
+            "export the model again"
+        )
     return _counted_from_the_first(path, data) if FROM_THE_LAST.search(data) else data
 
 
