@@ -27,7 +27,8 @@ the nearest facet; hills, ground and plants of a site.
 7: a point is hidden where a surface is before its own place; skies that are overcast, or have a low sun.
 8: the plants of a site, and the ripples of its river; distant hills; clouds at the ends of their tile;
 shadows of scenes of more than 20 m; with distortion, depth, masks, flow and normals of thin faces and at the sky.
-9: rows of a rolling shutter that see beyond the render and its margin; auto exposure on an interlaced link above 60 Hz.
+9: rows of a rolling shutter that see beyond the render and its margin; auto exposure on an interlaced link above 60 Hz;
+vertex colours of glTF.
 """
 OF_A_SEQUENCE = ("sequence.json", "manifest.json")
 """JSON files of a sequence's folder."""

@@ -199,7 +199,7 @@ def _laid(path: Path, piece: Loaded, texture: TextureMap | None) -> Loaded:
 def _dressed(path: Path, piece: Loaded, visual: Any) -> Loaded:
     """The piece with its appearance; UserError when its texture is damaged, or its place or colour not finite."""
     try:
-        dressed = piece.dressed(visual)
+        dressed = piece.dressed(visual, linear=path.suffix.lower() in (".gltf", ".glb"))
     except Exception as error:  # Pillow's decoders may raise anything for damaged content
         raise UserError(f"{path}: a texture or colour is damaged: {error}; export the model again") from None
     for numbers in (dressed.uv, dressed.tint):

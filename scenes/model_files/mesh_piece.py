@@ -44,17 +44,20 @@ class Loaded:
         flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0
         return replace(self, triangles=self.triangles[~flat]) if flat.any() else self
 
-    def dressed(self, visual: Any) -> "Loaded":
+    def dressed(self, visual: Any, *, linear: bool = False) -> "Loaded":
         """The piece with the appearance from a trimesh visual: texture, material colour or vertex colours.
 
-        The colour factor of a texture applies to glTF only: Kd next to map_Kd in an MTL file depends on the exporter.
+        linear: whether vertex colours are proportions of light, as in glTF, where they multiply the material's colour
+        and texture. The colour factor of a texture applies to glTF only: Kd next to map_Kd in an MTL file depends on
+        the exporter.
         """
         material = getattr(visual, "material", None)
         if material is None:
             if getattr(visual, "kind", None) not in ("vertex", "face"):
                 return self
             colors = np.asarray(visual.vertex_colors)
-            return replace(self, tint=_linear(colors)) if len(colors) == len(self.vertices) else self
+            power = 1.0 if linear else 2.2
+            return replace(self, tint=_linear(colors, power)) if len(colors) == len(self.vertices) else self
         physical = hasattr(material, "baseColorFactor")
         image = material.baseColorTexture if physical else getattr(material, "image", None)
         factor = material.baseColorFactor if physical else getattr(material, "diffuse", None)
@@ -63,6 +66,9 @@ class Loaded:
         if image is not None and is_made_up(material, image):
             return self
         color = None if factor is None else _linear(np.array([factor]), power=1.0 if physical else 2.2)
+        painted = visual.vertex_attributes.get("color") if physical else None
+        if painted is not None and (shares := _shares(painted)).min(initial=1.0) < 1:  # white ones change nothing
+            color = shares * (1.0 if color is None else color)
         uv = getattr(visual, "uv", None)
         if image is None or uv is None:
             return self if color is None else replace(self, tint=color)
@@ -71,7 +77,7 @@ class Loaded:
             self,
             uv=np.asarray(uv, dtype=np.float64),
             texture=np.asarray(_of_8_bits(image).convert("RGBA" if holes else "RGB"), dtype=np.uint8),
-            tint=np.repeat(color, len(self.vertices), axis=0) if physical and color is not None else None,
+            tint=color * np.ones((len(self.vertices), 1)) if physical and color is not None else None,
         )
 
 
@@ -88,6 +94,13 @@ def _of_8_bits(image: Image.Image) -> Image.Image:
 def is_made_up(material: Any, image: Any) -> bool:
     """Whether an image comes from no file: trimesh's for texture coordinates of an OBJ file without a material."""
     return image.format is None and not hasattr(material, "baseColorFactor")
+
+
+def _shares(colors: NDArray[Any]) -> Array:
+    """Tints (n, 4) from the colours (n, 3 or 4) of a glTF file: floats, or integers as parts of the largest one."""
+    rgb = np.asarray(colors)[:, :3]
+    whole = float(np.iinfo(rgb.dtype).max) if np.issubdtype(rgb.dtype, np.integer) else 1.0
+    return np.column_stack([rgb / whole, np.ones(len(rgb))])
 
 
 def _linear(colors: Array, power: float = 2.2) -> Array:

@@ -107,6 +107,50 @@ def with_attribute(name: str, kind: str, columns: int, *, normalized: bool, then
     return change
 
 
+def with_colours(rgb: Any, *, then: Change = dict) -> Change:
+    """The box with a colour of its own at each corner, floats; then: a further change."""
+
+    def change(head: dict[str, Any]) -> dict[str, Any]:
+        data = np.asarray(rgb, dtype="<f4").tobytes()
+        uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+        head = with_attribute("COLOR_0", "f4", 3, normalized=False)(head)
+        head["accessors"][-1]["bufferView"] = len(head["bufferViews"])
+        head["bufferViews"].append({"buffer": len(head["buffers"]), "byteLength": len(data)})
+        head["buffers"].append({"byteLength": len(data), "uri": uri})
+        return then(head)
+
+    return change
+
+
+def with_factor(head: dict[str, Any]) -> dict[str, Any]:
+    """The box with a material of one colour."""
+    head["meshes"][0]["primitives"][0]["material"] = 0
+    return head | {"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.2, 0.6, 1.0]}}]}
+
+
+SHADES = np.linspace(0.2, 1.0, 8)[:, None] * [1.0, 0.5, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("then", "factor"),
+    [(dict, 1.0), (with_factor, [1.0, 0.2, 0.6]), (with_texture(), 1.0)],
+    ids=["alone", "of a material", "of a texture"],
+)
+def test_colours_at_corners_are_parts_of_light_and_multiply_those_of_the_material(
+    tmp_path: Path, then: Change, factor: Any
+) -> None:
+    """As glTF 2.0, 3.9.2 says; they had been decoded as sRGB, and left out where the box has a material."""
+    (piece,) = read(written(tmp_path / "a.gltf", with_colours(SHADES, then=then)(header())))
+    assert piece.tint is not None
+    np.testing.assert_allclose(piece.tint[:, :3], SHADES * factor, atol=0.005)  # a factor is rounded to 8 bits
+
+
+def test_white_corners_change_no_look(tmp_path: Path) -> None:
+    (piece,) = read(written(tmp_path / "a.gltf", with_colours(np.ones((8, 3)), then=with_factor)(header())))
+    assert piece.tint is not None
+    np.testing.assert_allclose(piece.tint, [[1.0, 0.2, 0.6, 1.0]], atol=0.005)
+
+
 def with_sparse(head: dict[str, Any]) -> dict[str, Any]:
     head["accessors"][0]["sparse"] = {"count": 1}
     return head
