@@ -1,8 +1,10 @@
 """A structure from a model file: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; validated before anything is rendered."""
 
 import io
+import logging
 from codecs import BOM_UTF8
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -145,7 +147,8 @@ def read(path: Path) -> list[Loaded]:
     beside = ModelFolder(path.parent)
     try:
         data = beside.with_materials(data) if kind == ".obj" else data
-        scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
+        with _without_tracebacks(trimesh.util.log):
+            scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
         placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
@@ -176,6 +179,20 @@ def read(path: Path) -> list[Loaded]:
     vertices = _whole(pieces)[0]
     check_steps(path, written_step(data, vertices) if kind == ".obj" else step, vertices)
     return pieces
+
+
+@contextmanager
+def _without_tracebacks(logger: logging.Logger) -> Iterator[None]:
+    """Leave out what trimesh logs with a traceback: of files that it cannot read, `ModelFolder.refused` tells."""
+
+    def short(record: logging.LogRecord) -> bool:
+        return not record.exc_info
+
+    logger.addFilter(short)
+    try:
+        yield
+    finally:
+        logger.removeFilter(short)
 
 
 def _material(visual: Any) -> str:

@@ -410,6 +410,22 @@ def test_a_textured_glb_goes_from_file_to_sequence(tmp_path: Path) -> None:
     assert image[mask & ~red].std() > 15
 
 
+@pytest.mark.parametrize("content", [None, b"\x89PNG\r\n\x1a\n"], ids=["missing", "damaged"])
+def test_a_texture_that_cannot_be_read_is_told_without_a_traceback(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes | None
+) -> None:
+    """What is logged goes to stderr, where nothing else is set up."""
+    header = "ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex 3\n"
+    header += "".join(f"property float {name}\n" for name in "xyzst") + "element face 1\n"
+    header += "property list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(header + "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n")
+    if content is not None:
+        (tmp_path / "skin.png").write_bytes(content)
+    with pytest.raises(UserError, match=r"a\.ply: refers to skin\.png: .*put it next to the model or export it again"):
+        built(tmp_path / "a.ply", allow_open=True)
+    assert caplog.text == ""
+
+
 CUBE = "".join(f"v {x} {y} {z}\n" for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
 CUBE_FACES = "f 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\nf 5 6 7 8\n"
 FLAT = {
