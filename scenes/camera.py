@@ -166,7 +166,7 @@ class Camera:
     def project(self, points_cam_m: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) in the camera frame, z > 0."""
         xy = points_cam_m[:, :2] / points_cam_m[:, 2:3]
-        if self.distortion_model == "none":
+        if self.distortion_model == "none" or not len(xy):  # OpenCV has no answer for none
             return xy * [self.fx, self.fy] + [self.cx, self.cy]
         zero = np.zeros(3)
         points = np.ascontiguousarray(np.column_stack([xy, np.ones(len(xy))]))[:, None]

@@ -13,13 +13,15 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 from uavbench.reports.figures.figure_files import Drawn, save_drawn
 from uavbench.reports.figures.space import limits
 from uavbench.reports.style import GROUND_TRUTH, LOSS, panel_letter
-from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera import FOLDED_PX, Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_table
 from uavbench.trajectories.pose import Array, Pose
 
 FRUSTA = 9
 """Cameras drawn along the path."""
+STEPS, LONGEST_RAY = 101, 2.0
+"""Pixels towards a corner of a lens's image at which a ray is looked for, and the longest ray drawn, in depths."""
 FIX, NO_FIX = "#2C458C", "#E82267"
 GNSS_COLUMNS = ["stamp_ns", "satellites", "pdop", "px_m", "py_m", "pz_m"]
 
@@ -88,12 +90,30 @@ def gnss_along(sequence: Sequence) -> Array | None:
 
 def frustum(camera: Camera, cam_from_world: Pose, depth_m: float) -> Array:
     """Edges (8, 2, 3) in the world, in m, of a camera's viewing frustum up to a depth in m."""
-    at = np.array([[-0.5, -0.5], [camera.width - 0.5, -0.5], [camera.width - 0.5, camera.height - 0.5]])
-    at = np.vstack([at, [-0.5, camera.height - 0.5]])
-    corners = depth_m * camera.without_distortion.rays(at)
+    corners = depth_m * _corner_rays(camera)
     world_from_cam = cam_from_world.inverse()
     tip, base = world_from_cam.translation, world_from_cam.transform(corners)
     return np.array([*[[tip, b] for b in base], *[[base[i], base[(i + 1) % 4]] for i in range(4)]])
+
+
+def _corner_rays(camera: Camera) -> Array:
+    """Rays (4, 3) in the camera frame to the corners of the image, z = 1 for a pinhole.
+
+    Those of a lens go to the farthest pixel towards the corner that a ray in front of the camera reaches, and are no
+    longer than LONGEST_RAY.
+    """
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    at = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    if camera.distortion_model == "none":
+        return camera.rays(at)
+    middle = np.array([camera.cx, camera.cy])
+    towards = middle + np.linspace(1, 0, STEPS)[:, None, None] * (at - middle)
+    rays = camera.rays(towards.reshape(-1, 2))
+    with np.errstate(all="ignore"):
+        off_px = np.abs(camera.project(rays) - towards.reshape(-1, 2)).max(axis=1).reshape(-1, 4)
+    farthest = rays.reshape(-1, 4, 3)[np.argmax(off_px < FOLDED_PX, axis=0), np.arange(4)]
+    length = np.linalg.norm(farthest, axis=1, keepdims=True)
+    return np.asarray(farthest * np.minimum(1, LONGEST_RAY / length))
 
 
 def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from uavbench.reports.metrics.quaternions import norm
 from uavbench.reports.scoring.images import image_at
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.scoring.true_edges import true_edges
+from uavbench.reports.scoring.true_edges import edges_in_image
 from uavbench.scenes.dataset.annotations import edges_file, load_edges
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Image
@@ -63,11 +63,11 @@ def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
             continue
         now, later = sequence.true_cam_from_world(frame), sequence.true_cam_from_world(frame + 1)
         step_ms = (int(sequence.stamps_ns[frame + 1]) - int(sequence.stamps_ns[frame])) / 1e6
-        ends = true_edges(sequence, frame).segments_m.reshape(-1, 3)
+        ends = edges_in_image(sequence, frame).segments_m.reshape(-1, 3)
         here, there = now.transform(ends), later.transform(ends)
         seen = (here[:, 2] > 0.01) & (there[:, 2] > 0.01)
         if seen.any():
-            camera = sequence.camera.without_distortion
+            camera = sequence.camera
             moved = np.linalg.norm(camera.project(there[seen]) - camera.project(here[seen]), axis=1)
             out[k] = np.median(moved) * exposure_ms / step_ms
     return out
@@ -85,7 +85,7 @@ def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
             continue
         rows = load_edges(sequence, frame)
         seen_px = float(np.hypot(rows[:, 3] - rows[:, 1], rows[:, 4] - rows[:, 2]).sum())
-        ends = to_image(true_edges(sequence, frame).segments_px.reshape(-1, 2), sequence.camera).reshape(-1, 2, 2)
+        ends = edges_in_image(sequence, frame).segments_px
         all_px = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
         if all_px > 0:
             out[k] = np.round(100 * np.clip(1 - seen_px / all_px, 0, 1), 1)
@@ -94,12 +94,12 @@ def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 def visible_edge_count(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Number (n,) of visible edges in the image at the true pose."""
-    return np.array([float(len(true_edges(sequence, frame).edges)) for frame in frames])
+    return np.array([float(len(edges_in_image(sequence, frame).edges)) for frame in frames])
 
 
 def distance_m(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Median depth (n,) in m of the visible edges at the true pose; NaN where none is in view."""
-    depths = [true_edges(sequence, frame).depths_m for frame in frames]
+    depths = [edges_in_image(sequence, frame).depths_m for frame in frames]
     return np.array([float(np.median(d)) if d.size else np.nan for d in depths])
 
 
@@ -114,7 +114,8 @@ def contrast(sequence: Sequence, frames: ListOf[int]) -> Array:
 @lru_cache(maxsize=4096)  # filled by the drawing of the overlay, while it has the image
 def contrast_at(sequence: Sequence, frame: int) -> float:
     """Contrast of one frame in grey levels; NaN where no visible edge is long enough."""
-    segments = true_edges(sequence, frame).segments_px
+    camera = sequence.camera
+    segments = camera.undistort(edges_in_image(sequence, frame).segments_px.reshape(-1, 2)).reshape(-1, 2, 2)
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     segments, lengths = segments[lengths > 2 * CONTRAST_OFFSET_PX], lengths[lengths > 2 * CONTRAST_OFFSET_PX]
     if not len(segments):
@@ -124,7 +125,7 @@ def contrast_at(sequence: Sequence, frame: int) -> float:
     w = np.linspace(0.1, 0.9, POINTS_PER_EDGE)[None, :, None]
     middle = segments[:, :1] + w * (segments[:, 1:] - segments[:, :1])
     image = np.asarray(cv2.GaussianBlur(grey(image_at(sequence, frame)), (3, 3), 0), dtype=np.uint8)
-    sides = [_sampled(image, to_image((middle + s * normal).reshape(-1, 2), sequence.camera)) for s in (1, -1)]
+    sides = [_sampled(image, to_image((middle + s * normal).reshape(-1, 2), camera)) for s in (1, -1)]
     return float(np.abs(sides[0] - sides[1]).mean())
 
 
