@@ -78,12 +78,13 @@ class Structure:
         """Structure of a triangle mesh: (n, 3) metres, (m, 3) counter-clockwise from outside.
 
         Edges within a planar face are not crease edges; collinear pieces of an edge are joined. Edges shorter than
-        min_edge_m are left out. Triangles without area are dropped, the T-junctions that they close stay closed.
+        min_edge_m are left out. Triangles without area are dropped, the T-junctions that they close stay closed; of
+        equal triangles one is kept. A surface that is there from both sides has the edges of each side.
         ValueError when none has an area, a vertex is not finite, or a triangle has corners that are no vertices.
         """
         vertices, triangles = _weld(*_checked(vertices, triangles))
         normals, areas = _triangle_normals(vertices, triangles)
-        pairs, pair_triangles = _triangle_edges(triangles)
+        pairs, pair_triangles = _triangle_edges(triangles, normals)
         both = pair_triangles[:, 1] >= 0
         left, right = pair_triangles[:, 0], pair_triangles[:, 1]
         cosine = np.where(both, np.einsum("ij,ij->i", normals[left], normals[right]), -1.0)
@@ -137,8 +138,23 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
         triangles = triangles[~_is_flat(vertices, triangles)]
     if not len(triangles):
         raise ValueError("none of its triangles has an area")
+    triangles = triangles[_is_first(_turned(triangles))]
     used, inverse = np.unique(triangles, return_inverse=True)
     return vertices[used], inverse.reshape(-1, 3)
+
+
+def _turned(triangles: Indices) -> Indices:
+    """The triangles with the lowest vertex first, in the same orientation."""
+    first = triangles.argmin(axis=1)[:, None]
+    return np.asarray(np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1))
+
+
+def _is_first(rows: Indices) -> NDArray[np.bool_]:
+    """Mask (n,) of the rows (n, k) that are not equal to an earlier one."""
+    order = np.lexsort(rows.T)  # stable: of equal rows the first one leads
+    new = np.ones(len(rows), dtype=np.bool_)
+    new[order[1:]] = (np.diff(rows[order], axis=0) != 0).any(axis=1)
+    return new
 
 
 def _is_flat(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
@@ -196,17 +212,24 @@ def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array
     return cross / doubled[:, None], doubled / 2
 
 
-def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
+def _triangle_edges(triangles: Indices, normals: Array) -> tuple[Indices, Indices]:
     """Undirected vertex pairs (k, 2) and the triangles (k, 2) adjacent to them, -1 where there is none.
 
     Of a non-manifold edge, shared by more than two triangles, each further pair of triangles has its own row.
     """
-    half = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    half = np.sort(directed, axis=1)
     owner = np.repeat(np.arange(len(triangles)), 3)
     order = np.lexsort((owner, half[:, 1], half[:, 0]))
-    half, owner = half[order], owner[order]
+    half, owner, upward = half[order], owner[order], (directed[:, 0] < directed[:, 1])[order]
     new = np.concatenate([[True], (np.diff(half, axis=0) != 0).any(axis=1)])
     start = np.maximum.accumulate(np.where(new, np.arange(len(half)), 0))
+    two_sided = ~_is_first(np.concatenate([_turned(triangles[:, ::-1]), _turned(triangles)]))[len(triangles) :]
+    if two_sided.any():
+        sides, of_two = np.bincount(start), np.bincount(start, two_sided[owner])
+        for first in np.flatnonzero((sides > 2) & (of_two == sides)):
+            of_edge = np.arange(first, first + sides[first])
+            owner[of_edge] = _by_sides(owner[of_edge].tolist(), upward[of_edge].tolist(), normals)
     even = (np.arange(len(half)) - start) % 2 == 0
     rows = np.flatnonzero(even)
     follows = np.zeros(len(rows), dtype=bool)
@@ -214,6 +237,23 @@ def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
     follows[inside] = ~even[rows[inside] + 1]
     right = np.where(follows, owner[np.minimum(rows + 1, len(half) - 1)], -1)
     return half[rows], np.column_stack([owner[rows], right])
+
+
+def _by_sides(triangles: list[int], upward: list[bool], normals: Array) -> list[int]:
+    """Triangles of an edge that are there from both sides, those that go on on one side next to each other.
+
+    upward: whether each passes the edge from its lower vertex to its higher one; neighbours differ.
+    """
+    waiting, out = list(zip(triangles, upward, strict=True)), list[int]()
+    while waiting:
+        one, up = waiting.pop(0)
+        others = [other for other in waiting if other[1] != up]
+        out.append(one)
+        if others:
+            best = max(others, key=lambda other: float(normals[one] @ normals[other[0]]))
+            waiting.remove(best)
+            out.append(best[0])
+    return out
 
 
 def _components(n: int, a: Indices, b: Indices) -> Indices:

@@ -28,7 +28,7 @@ the nearest facet; hills, ground and plants of a site.
 8: the plants of a site, and the ripples of its river; distant hills; clouds at the ends of their tile;
 shadows of scenes of more than 20 m; with distortion, depth, masks, flow and normals of thin faces and at the sky.
 9: rows of a rolling shutter that see beyond the render and its margin; auto exposure on an interlaced link above 60 Hz;
-vertex colours of glTF.
+vertex colours of glTF; edges of surfaces that are there from both sides.
 """
 OF_A_SEQUENCE = ("sequence.json", "manifest.json")
 """JSON files of a sequence's folder."""
