@@ -166,6 +166,15 @@ def test_an_option_of_another_type_is_named(option, value):
         ub.evaluate(curve(), curve(), **{option: value})
 
 
+@pytest.mark.parametrize("form", [curve, lambda: pd.DataFrame(curve()), lambda: curve().tolist()])
+@pytest.mark.parametrize("side", ["reference", "estimate"])
+def test_a_format_of_what_is_no_file_is_refused(side, form):
+    """Rows of EuRoC, w first, had been read as those of TUM, w last, whatever format was named."""
+    given = {"reference": curve(), "estimate": curve()} | {side: form()}
+    with pytest.raises(ub.UserError, match=f"the {side}: {side}_format = 'euroc' is of a file, and no file is given"):
+        ub.evaluate(**given, **{f"{side}_format": "euroc"})
+
+
 def test_options_that_are_none_have_their_defaults(tmp_path):
     given = {"mode": None, "t_offset_s": None, "ignore_frames": None, "delta": 10**30, "plot": str(tmp_path / "a.png")}
     found = ub.evaluate(curve(), curve(), **given)

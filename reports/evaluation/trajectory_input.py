@@ -31,10 +31,15 @@ def found_in(given: Given, side: str, format: str | None = None) -> Found:
     array (n, 8): time in s, position x y z in m, quaternion x y z w, as in a line of a TUM file. DataFrame: columns
     stamp_ns or time_s, px_m py_m pz_m, qw qx qy qz; with a column `status`, as in a tracker's frames.csv, the poses are
     `cam_from_world`, and those whose status is not ok are left out. Quaternions must have unit norm (to 1e-3), stamps
-    must increase. UserError naming the side and the invalid row or column.
+    must increase. format: of a file. UserError naming the side and the invalid row or column.
     """
     if isinstance(given, str | Path):
         return find_trajectory(Path(given), format)
+    if format is not None:
+        raise UserError(
+            f"the {side}: {side}_format = {format!r} is of a file, and no file is given; leave it out, and give arrays "
+            "(n, 8) of time_s, x y z in m, qx qy qz qw"
+        )
     try:
         if isinstance(given, Trajectory):
             return Found(given, Path(f"the {side}"), "Trajectory", None)
