@@ -234,7 +234,7 @@ class Camera:
             camera = cls(**values)
         except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{path}: {error}") from None
-        if inside is None and (why := _implausible(camera)):  # a rendered one was checked
+        if inside is None and (why := implausible(camera)):  # a rendered one was checked
             raise UserError(f"{path}: {why}")
         return camera
 
@@ -263,8 +263,8 @@ def _other_count(model: str, distortion: tuple[float, ...]) -> str:
     )
 
 
-def _implausible(camera: Camera) -> str:
-    """Why the numbers of a camera cannot be those of its images, "" if they can.
+def implausible(camera: Camera) -> str:
+    """Why the numbers of a camera cannot be those of its images, "" if they can: those of a file, or of a script.
 
     A lens is checked at the middles of the image's sides: in the corners, where no board was seen, good calibrations of
     wide lenses fold over, too.

@@ -411,6 +411,21 @@ def test_start_refuses_inputs_of_another_kind_by_name(folder, change, told):
         ub.start(**{"tracker": own, **given, **change})
 
 
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"fx": 0.8, "fy": 0.8, "cx": 0.5, "cy": 0.5}, "camera: fx = 0.8 px is too short"),
+        ({"cx": 0.5, "cy": 0.5}, "camera: cx = 0.5, cy = 0.5 are shares of the image's size; give them in pixels"),
+        ({"distortion_model": "radtan", "distortion": (-1.5, 0.0, 0.0, 0.0)}, "camera: .* the lens folds over before"),
+    ],
+)
+def test_start_refuses_a_camera_of_a_script_as_it_does_that_of_a_file(folder, change, told):
+    sequence = ub.open_sequence(folder / "sequences" / "drawn-s0")
+    camera = replace(sequence.camera, **change)
+    with pytest.raises(ub.UserError, match=told):
+        ub.start("hold", sequence.structure, camera, sequence.initial_cam_from_world)
+
+
 @pytest.mark.parametrize("lost", [np.ma.masked_equal(np.zeros((2, 3)), 0.0), np.zeros((2, 3)) * 1j])
 def test_a_pose_or_trajectory_drops_no_mask_and_no_imaginary_part(lost):
     with pytest.raises(ValueError, match=r"masked|complex"):

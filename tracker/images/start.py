@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uavbench.scenes.camera import Camera
+from uavbench.scenes.camera import Camera, implausible
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import UNKNOWN_BODY, load_model
 from uavbench.tracker.protocol import Run, Tracker, check_start
@@ -57,6 +57,8 @@ def start(
         raise UserError(f"seed = {seed!r}: must be a whole number from 0 on")
     structure = load_model(Path(model)) if isinstance(model, str | Path) else model
     lens = Camera.load(Path(camera)) if isinstance(camera, str | Path) else camera
+    if isinstance(lens, Camera) and (why := implausible(lens)):
+        raise UserError(f"camera: {why}")
     rng = stream(int(seed), "tracker", tracker_kind(tracker))
     return started(
         tracker, structure, lens, check_start(structure, lens, _pose(cam_from_world), rng), rng, UNKNOWN_BODY
