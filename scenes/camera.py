@@ -189,11 +189,15 @@ class Camera:
         pixels = self.project(points_cam_m)
         within = (pixels >= -0.5) & (pixels < [self.width - 0.5, self.height - 0.5])
         inside: NDArray[np.bool_] = np.asarray(within.all(axis=1))
-        straight = self.without_distortion.project(points_cam_m[inside])
-        with np.errstate(invalid="ignore"):
-            off_px = np.abs(self.undistort(pixels[inside]) - straight).max(axis=1, initial=0.0)
-        inside[inside] = off_px < FOLDED_PX
+        inside[inside] = self.before_fold(points_cam_m[inside])
         return inside
+
+    def before_fold(self, points_cam_m: Array) -> NDArray[np.bool_]:
+        """Which points (n, 3) in the camera frame, z > 0, are seen at their pixels: none beyond a fold of the lens."""
+        straight = self.without_distortion.project(points_cam_m)
+        with np.errstate(invalid="ignore"):
+            off_px = np.abs(self.undistort(self.project(points_cam_m)) - straight).max(axis=1, initial=0.0)
+        return np.asarray(off_px < FOLDED_PX)
 
     def rays(self, pixels: Array) -> Array:
         """Rays (n, 3) in the camera frame, z = 1, through pixels (n, 2) of this camera."""

@@ -22,11 +22,11 @@ import numpy as np
 from uavbench.bench.said import say
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.images.overlay import PIECES
+from uavbench.tracker.images.overlay import lines_in_image
 from uavbench.tracker.images.track_images import frames, load_model
 from uavbench.tracker.initialization import pose_from_points, read_init
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.visible_edges import to_image, visible_edges
+from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file
@@ -75,9 +75,8 @@ class Picking:
         """Edges of the model at the pose of the pairs, as polylines in px, and each pair's distance from its corner."""
         points, pixels = self._read(pairs)
         pose = pose_from_points(points, pixels, self.camera)
-        part = np.linspace(0, 1, PIECES + 1)[:, None]
         edges = visible_edges(self.structure, self.camera, pose).segments_px
-        lines = [to_image(a + part * (b - a), self.camera).round(2).tolist() for a, b in edges]
+        lines = [line.round(2).tolist() for line in lines_in_image(edges, self.camera)]
         away = np.linalg.norm(self.camera.project(pose.transform(points)) - pixels, axis=1)
         return {"lines": lines, "residuals_px": away.tolist(), "rms_px": float(np.sqrt(np.mean(away**2)))}
 

@@ -66,6 +66,7 @@ def edges_on(image: NDArray[np.uint8], camera: Camera, sequence: Sequence, frame
         points = points[points[:, 2] > NEAR_M]
         rays = np.abs(points[:, :2] / points[:, 2:])
         points = points[(rays < 3).all(axis=1)]
+        points = points[camera.before_fold(points)]
         if len(points) < 2:
             continue
         pixels = np.clip(camera.project(points), -limit, limit)

@@ -8,6 +8,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.seen_edges import seen_edges_px
 from uavbench.tracker.protocol import Image, TrackResult
 from uavbench.tracker.visible_edges import to_image
+from uavbench.trajectories.pose import Array
 
 OK_COLOUR = (60, 220, 60)
 LOST_COLOUR = (40, 40, 230)
@@ -23,9 +24,22 @@ def draw_edges(image: Image, structure: Structure, camera: Camera, result: Track
     if result.cam_from_world is None:
         cv2.putText(drawn, result.status, (12, 32), cv2.FONT_HERSHEY_SIMPLEX, 1.0, LOST_COLOUR, 2, cv2.LINE_AA)
         return drawn
-    part = np.linspace(0, 1, 2 if camera.distortion_model == "none" else PIECES + 1)[:, None]
-    for a, b in seen_edges_px(structure, camera, result.cam_from_world):
-        line = to_image(a + part * (b - a), camera)
+    for line in lines_in_image(seen_edges_px(structure, camera, result.cam_from_world), camera):
         points = np.round(line * 2**SHIFT).astype(np.int32).reshape(-1, 1, 2)
         cv2.polylines(drawn, [points], False, OK_COLOUR, 1, cv2.LINE_AA, SHIFT)
     return drawn
+
+
+def lines_in_image(segments_px: Array, camera: Camera) -> list[Array]:
+    """Lines (n, 2) in px of segments (k, 2, 2) in undistorted px, without their parts beyond a fold of the lens."""
+    if camera.distortion_model == "none" or not len(segments_px):
+        return list(segments_px)
+    a, b = segments_px[:, :1], segments_px[:, 1:]
+    flat = (a + np.linspace(0, 1, PIECES + 1)[:, None] * (b - a)).reshape(-1, 2)
+    lines = to_image(flat, camera).reshape(-1, PIECES + 1, 2)
+    seen = camera.before_fold(camera.without_distortion.rays(flat)).reshape(-1, PIECES + 1)
+    pieces = []
+    for line, shown in zip(lines, seen, strict=True):
+        ends = np.flatnonzero(np.diff(shown)) + 1
+        pieces += [piece for piece, kept in zip(np.split(line, ends), np.split(shown, ends), strict=True) if kept[0]]
+    return [piece for piece in pieces if len(piece) > 1]
