@@ -458,6 +458,35 @@ def test_times_that_are_no_numbers_are_no_seconds(kind, unit):
         ub.evaluate(table, table)
 
 
+def both_times(start_ns=1_403_636_580_838_555_574):
+    """Poses with stamps in ns, and the same times in s as 64-bit numbers."""
+    table = pd.DataFrame(curve(), columns=["time_s", "px_m", "py_m", "pz_m", "qx", "qy", "qz", "qw"])
+    stamps_ns = start_ns + np.arange(40) * 10**8
+    return table.assign(time_s=stamps_ns / 1e9, stamp_ns=stamps_ns)
+
+
+@pytest.mark.parametrize("tracked", [False, True])
+def test_stamps_and_times_of_one_table_must_agree(tracked, tmp_path):
+    """stamp_ns had counted without a word."""
+    table = both_times().assign(**{"status": ["lost", *["ok"] * 39]} if tracked else {})
+    wrong = table.assign(time_s=table["time_s"].where(table.index != 7, table["time_s"] + 0.01))
+    row, line = (6, 9) if tracked else (7, 9)
+    with pytest.raises(ub.UserError, match=rf"row {row}: stamp_ns 1403636581538555574 and time_s .* differ; leave out"):
+        ub.evaluate(both_times(), wrong)
+    wrong.to_csv(tmp_path / "wrong.csv", index=False)
+    with pytest.raises(ub.UserError, match=rf"wrong.csv: line {line}: stamp_ns 1403636581538555574 and time_s .* diff"):
+        ub.evaluate(both_times(), tmp_path / "wrong.csv")
+    with pytest.raises(ub.UserError, match="time_s nan differ"):
+        ub.evaluate(both_times(), table.assign(time_s=np.nan))
+    table.to_csv(tmp_path / "right.csv", index=False)
+    for right in (table, table.round({"time_s": 4}), table.assign(time_s=np.arange(40) / 10 - 0.1 * tracked)):
+        right.to_csv(tmp_path / "right.csv", index=False)
+        for given in (right, tmp_path / "right.csv"):
+            found = ub.evaluate(table, given)
+            assert found.ate["translation_m"].rmse == 0.0
+            assert len(found.frames()) == len(table) - tracked
+
+
 @pytest.mark.parametrize(
     ("vertices", "triangles", "told"),
     [

@@ -42,6 +42,8 @@ BAGS = ("bag.mcap", "bag")
 """Names of the bag in an export to MCAP or rosbag2."""
 EXPORT = "export.json"
 """Description of an export; it declares the frame for formats that cannot."""
+ROUNDING_S = 1e-4
+"""Most by which a time in s may differ from its stamp in ns: TUM's own files have four decimals."""
 LEVELS = 4
 """Number of parent folders of a file that are searched for export.json."""
 
@@ -156,6 +158,7 @@ def _of_table(path: Path) -> Found:
         raise UserError(f"{path}: holds no poses (columns {', '.join(POSE)}), but {', '.join(columns) or 'nothing'}")
     stamps = read_integers(path, ["stamp_ns"])[:, 0]
     if "status" not in columns:
+        _check_file_seconds(path, stamps, np.ones(len(rows), dtype=bool), columns)
         values, frame = read_numbers(path, POSE), "world_from_body"
         try:
             return Found(Trajectory(stamps, values[:, :3], values[:, 3:]), path, "uavbench", frame)
@@ -165,6 +168,7 @@ def _of_table(path: Path) -> Found:
     if not any(ok):
         raise UserError(f"{path}: holds no pose: no frame has the status ok")
     kept = [row for row, good in zip(rows, ok, strict=True) if good]
+    _check_file_seconds(path, stamps, np.array(ok), columns)
     try:
         cameras = np.array([[float(row[name]) for name in POSE] for row in kept])
         trajectory = world_from_cameras(stamps[np.array(ok)], cameras)
@@ -175,6 +179,31 @@ def _of_table(path: Path) -> Found:
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
     return Found(trajectory, path, "uavbench", "world_from_cam", covariances=claimed, asked_ns=stamps)
+
+
+def check_seconds(stamps_ns: NDArray[np.int64], time_s: Array) -> None:
+    """InvalidRowError where times (n,) in s are not those of the stamps (n,) in ns, nor counted from the first of them.
+
+    Times may be rounded, by ROUNDING_S and to 64 bits.
+    """
+    seconds = np.asarray(stamps_ns, dtype=np.float64) / 1e9
+    far = [~(np.abs(time_s - (seconds - zero)) <= ROUNDING_S + np.spacing(seconds)) for zero in (0.0, seconds[0])]
+    if all(bad.any() for bad in far):
+        row = int(np.argmax(far[0]))
+        raise InvalidRowError(
+            row, f"stamp_ns {stamps_ns[row]} and time_s {time_s[row]:.9g} differ; leave out the column that is wrong"
+        )
+
+
+def _check_file_seconds(path: Path, stamps_ns: NDArray[np.int64], used: NDArray[np.bool_], columns: list[str]) -> None:
+    """UserError naming the line where a table's column time_s, if it has one, differs from its stamps; used: rows."""
+    if "time_s" not in columns:
+        return
+    try:
+        check_seconds(stamps_ns[used], read_numbers(path, ["time_s"])[used, 0])
+    except InvalidRowError as error:
+        row = int(np.flatnonzero(used)[error.row])
+        raise UserError(f"{path}: line {line_of_row(path, row)}: {error.what}") from None
 
 
 def world_from_cameras(stamps_ns: NDArray[np.int64], cameras: Array) -> Trajectory:

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uavbench.reports.evaluation.find_trajectory import POSE, Found, find_trajectory, world_from_cameras
+from uavbench.reports.evaluation.find_trajectory import (
+    POSE,
+    Found,
+    check_seconds,
+    find_trajectory,
+    world_from_cameras,
+)
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
@@ -30,8 +36,9 @@ def found_in(given: Given, side: str, format: str | None = None) -> Found:
 
     array (n, 8): time in s, position x y z in m, quaternion x y z w, as in a line of a TUM file. DataFrame: columns
     stamp_ns or time_s, px_m py_m pz_m, qw qx qy qz; with a column `status`, as in a tracker's frames.csv, the poses are
-    `cam_from_world`, and those whose status is not ok are left out. Quaternions must have unit norm (to 1e-3), stamps
-    must increase. format: of a file. UserError naming the side and the invalid row or column.
+    `cam_from_world`, and those whose status is not ok are left out. With both columns of time stamp_ns counts, and they
+    must agree. Quaternions must have unit norm (to 1e-3), stamps must increase. format: of a file. UserError naming the
+    side and the invalid row or column.
     """
     if isinstance(given, str | Path):
         return find_trajectory(Path(given), format)
@@ -78,6 +85,8 @@ def _of_table(table: Any, name: Path) -> Found:
         raise ValueError("holds no pose: no row has the status ok")
     values = rows[POSE].to_numpy(dtype=np.float64)
     stamps_ns = _stamps_ns(rows, stamp)
+    if stamp == "stamp_ns" and "time_s" in table.columns:
+        check_seconds(stamps_ns, _seconds(rows))
     if not tracked:
         return Found(Trajectory(stamps_ns, values[:, :3], values[:, 3:]), name, "DataFrame", None)
     claimed = None
@@ -89,13 +98,18 @@ def _of_table(table: Any, name: Path) -> Found:
 
 def _stamps_ns(table: Any, column: str) -> "NDArray[np.int64]":
     """Stamps (n,) in ns of a column of STAMPS; ValueError naming the first invalid row."""
-    given = table[column].to_numpy()
-    if column == "time_s" and given.dtype.kind in "mM":
+    return table[column].to_numpy() if column == "stamp_ns" else _nanoseconds(_seconds(table))
+
+
+def _seconds(table: Any) -> Array:
+    """The column time_s (n,) as numbers; ValueError for dates and time differences."""
+    given = table["time_s"].to_numpy()
+    if given.dtype.kind in "mM":
         raise ValueError(
             f"time_s has the type {given.dtype}; give seconds, or stamp_ns = "
             "table['time_s'].to_numpy().astype('datetime64[ns]').astype('int64')"
         )
-    return np.asarray(given) if column == "stamp_ns" else _nanoseconds(given.astype(np.float64))
+    return np.asarray(given, dtype=np.float64)
 
 
 def _nanoseconds(seconds: Array) -> "NDArray[np.int64]":
