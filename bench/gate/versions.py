@@ -4,12 +4,10 @@ Tracked files are those of the version. Untracked ones (environments, weights, b
 working tree into each checkout, so they are the same for all versions; they are reported.
 """
 
-import io
 import os
 import subprocess
 import sys
-import tarfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +20,13 @@ from uavbench.trajectories.processes.guard import Guard
 WORKING = "."
 """Name of the working tree among versions."""
 OWN = Path(__file__).parents[3]
+UNTOUCHED = (
+    "core.sparseCheckout=false",
+    "core.splitIndex=false",
+    "core.fsmonitor=false",
+    "core.hooksPath=/dev/null",
+)
+"""Settings of git without which a checkout would be partial, write into the repository, or run its hooks."""
 SERVER = Path("src/uavbench/bench/gate/track_server.py")
 
 
@@ -94,11 +99,9 @@ def version(ref: str) -> Iterator[Version]:
         return
     commit = commit_of(ref, "--short")
     with Guard("uavbench-version-") as guard:
-        folder = guard.folder.resolve()
-        with tarfile.open(fileobj=io.BytesIO(git("-C", str(top), "archive", "--format=tar", commit))) as archive:
-            # Without a filter, so that links out of the folder are kept; git allows no names that lead out of it.
-            archive.extraction_filter = lambda member, _: member
-            archive.extractall(folder)
+        folder = guard.folder.resolve() / "tree"
+        folder.mkdir()
+        _check_out(commit, top, folder)
         yield Version(commit, folder, top, tuple(_link_untracked(folder, top)))
 
 
@@ -135,6 +138,18 @@ def placed(version: Version, table: dict[str, Any], beside: Path) -> Placed:
     return Placed(walk(table, ""), tuple(missing), own)
 
 
+def _check_out(commit: str, top: Path, folder: Path) -> None:
+    """Write all tracked files of a commit into an empty folder; nothing of the repository at `top` changes.
+
+    `git archive` would leave out those with the attribute `export-ignore`, and change those with `export-subst`.
+    """
+    own = git("-C", str(top), "rev-parse", "--absolute-git-dir").decode().rstrip("\n")
+    places = {"GIT_DIR": own, "GIT_WORK_TREE": str(folder), "GIT_INDEX_FILE": str(folder.with_name("index"))}
+    settings = [word for setting in UNTOUCHED for word in ("-c", setting)]
+    plain = ["read-tree", "--no-recurse-submodules", "-m", "-u", commit]
+    git("-C", str(folder), *settings, *plain, environment={**os.environ, **places})
+
+
 def _link_untracked(folder: Path, top: Path) -> Iterator[str]:
     """Link the untracked files of the working tree into a version's folder; their names."""
     listed = git("-C", str(top), "ls-files", "--others", "--directory", "-z").decode(errors="surrogateescape")
@@ -157,14 +172,15 @@ def commit_of(ref: str, *options: str) -> str:
         raise UserError(f"{ref!r} is no commit of this repository; `git log --oneline` lists them") from None
 
 
-def git(*arguments: str) -> bytes:
+def git(*arguments: str, environment: Mapping[str, str] | None = None) -> bytes:
     """Output of git; UserError with git's message when it fails."""
     try:
-        done = subprocess.run(["git", *arguments], capture_output=True, check=True)
+        done = subprocess.run(["git", *arguments], capture_output=True, check=True, env=environment)
     except FileNotFoundError:
         raise UserError("git is not installed: versions of a repository need it") from None
     except subprocess.CalledProcessError as error:
         words = error.stderr.decode(errors="replace").strip().splitlines()
-        command = " ".join(word for word in arguments if word != "-C" and not word.startswith(os.sep))
+        shown = (word for word in arguments if word not in ("-C", "-c", *UNTOUCHED) and not word.startswith(os.sep))
+        command = " ".join(shown)
         raise UserError(f"git {command}: {words[-1] if words else 'failed'}") from None
     return done.stdout

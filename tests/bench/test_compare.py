@@ -284,6 +284,60 @@ def test_a_version_holds_links_that_lead_out_of_the_repository(foreign, tmp_path
         assert (base.folder / "programs/offset.py").read_text() == "OFF = 0.0\n"
 
 
+def state_of(folder):
+    """All that git keeps in a repository, by file."""
+    return {path: path.read_bytes() for path in sorted((folder / ".git").rglob("*")) if path.is_file()}
+
+
+def test_a_version_holds_all_tracked_files_whatever_their_attributes(foreign, monkeypatch):
+    """Of those with export-ignore it had none."""
+    attributes = "programs export-ignore\nnotes.txt export-subst\n.gitattributes export-ignore\n*.crlf eol=crlf\n"
+    (foreign / ".gitattributes").write_text(attributes)
+    (foreign / "notes.txt").write_text("$Format:%H$\n")
+    (foreign / "rows.crlf").write_text("1\n2\n")
+    (foreign / "programs/stream.py").chmod(0o755)
+    git(foreign, "add", "-A")
+    git(foreign, "commit", "-qm", "attributes")
+    (foreign / "staged.txt").write_text("not committed")
+    git(foreign, "add", "staged.txt")
+    for name, value in {"sparseCheckout": "true", "splitIndex": "true", "untrackedCache": "true"}.items():
+        git(foreign, "config", f"core.{name}", value)
+    (foreign / ".git/info/sparse-checkout").write_text("/suites/\n")
+    (foreign / ".git/hooks/post-index-change").write_text("#!/bin/sh\ntouch .git/ran\n")
+    (foreign / ".git/hooks/post-index-change").chmod(0o755)
+    monkeypatch.setenv("GIT_INDEX_FILE", str(foreign / ".git/index"))
+    before = state_of(foreign)
+    with version("HEAD") as base:
+        listed = subprocess.run(["git", "ls-tree", "-r", "--name-only", "HEAD"], capture_output=True, text=True)
+        assert {name for name in listed.stdout.split() if not (base.folder / name).is_file()} == set()
+        assert (base.folder / "notes.txt").read_text() == "$Format:%H$\n"
+        assert (base.folder / "rows.crlf").read_bytes() == b"1\r\n2\r\n"
+        assert os.access(base.folder / "programs/stream.py", os.X_OK)
+        assert not (base.folder / "staged.txt").exists()
+        assert not os.access(base.folder / "programs/offset.py", os.X_OK)
+        assert [str(name) for name in base.linked] == []
+    assert not base.folder.parent.exists()
+    assert state_of(foreign) == before
+
+
+def test_a_version_of_a_linked_working_tree_has_empty_folders_for_submodules(foreign, tmp_path_factory, monkeypatch):
+    other = tmp_path_factory.mktemp("other")
+    git(other, "init", "-q")
+    git(other, "commit", "-qm", "first", "--allow-empty")
+    git(foreign, "-c", "protocol.file.allow=always", "submodule", "add", "-q", str(other), "inner")
+    git(foreign, "commit", "-qm", "submodule")
+    git(foreign, "config", "submodule.recurse", "true")
+    linked = tmp_path_factory.mktemp("linked") / "tree"
+    git(foreign, "worktree", "add", "-q", str(linked), "-b", "linked")
+    monkeypatch.chdir(linked)
+    before = state_of(foreign)
+    with version("HEAD") as base:
+        assert base.top == linked
+        assert list((base.folder / "inner").iterdir()) == []
+        assert (base.folder / "programs/offset.py").read_text() == "OFF = 0.0\n"
+    assert state_of(foreign) == before
+
+
 def test_a_ref_that_is_none_is_a_users_mistake(repository, monkeypatch):
     result, _ = compare(repository, monkeypatch, "no-such-ref", ".")
     assert result.exit_code == 2
