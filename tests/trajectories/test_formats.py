@@ -69,6 +69,40 @@ def test_a_file_says_its_frame_by_comment_or_name(tmp_path: Path) -> None:
         declared_frame(tmp_path / "d_world_from_body.tum")
 
 
+@pytest.mark.parametrize(
+    "comment",
+    [
+        "# Frame: world_from_cam",
+        "# FRAME: World_From_Cam",
+        "#frame:world-from-cam",
+        "# frame : world from camera",
+        "## frame = `world_from_cam`  ",
+        "# by a person\r\n\t# frame:\tworld_from_cam\r",
+    ],
+)
+def test_a_frame_is_declared_in_any_spelling(comment: str, tmp_path: Path) -> None:
+    """Those with capitals or blanks had been no declaration, so poses of the camera were compared as the body's."""
+    (tmp_path / "t.tum").write_text(f"{comment}\n0 0 0 0 0 0 0 1\n", newline="")
+    assert declared_frame(tmp_path / "t.tum") == "world_from_cam"
+    (tmp_path / "t.tum").write_text("# frame: map from base_link2\n0 0 0 0 0 0 0 1\n")
+    assert declared_frame(tmp_path / "t.tum") == "map_from_base_link2"
+    (tmp_path / "T_World_From_Body.tum").write_text("0 0 0 0 0 0 0 1\n")
+    assert declared_frame(tmp_path / "T_World_From_Body.tum") == "world_from_body"
+
+
+@pytest.mark.parametrize("frame", ["", "body", "world_to_cam", "T_WC", "world_from_cam, world_from_body", "x" * 500])
+def test_a_declared_frame_that_is_none_is_told(frame: str, tmp_path: Path) -> None:
+    (tmp_path / "t.tum").write_text(f"# frame: {frame}\n0 0 0 0 0 0 0 1\n")
+    with pytest.raises(UserError, match=rf"t.tum: its comment declares the frame '{frame[:40]}', .* write `# frame: "):
+        declared_frame(tmp_path / "t.tum")
+
+
+@pytest.mark.parametrize("comment", ["# frames: 12", "# reference frame: map", "# time frame x", "#timestamp [ns], x"])
+def test_other_comments_declare_no_frame(comment: str, tmp_path: Path) -> None:
+    (tmp_path / "t.tum").write_text(f"{comment}\n0 0 0 0 0 0 0 1\n")
+    assert declared_frame(tmp_path / "t.tum") is None
+
+
 @settings(max_examples=60)
 @given(ns=st.integers(min_value=-(10**18), max_value=4 * 10**18))
 def test_any_nanosecond_survives_a_tum_file(ns: int, tmp_path_factory: pytest.TempPathFactory) -> None:

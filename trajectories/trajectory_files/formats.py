@@ -4,7 +4,8 @@ tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
 
-The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by the same words in its name.
+The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by the same words in its name;
+capitals, blanks and hyphens are other spellings of the same.
 """
 
 import re
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.errors import UserError, one_line, unknown_name
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, quaternion_from_rotation
@@ -37,11 +38,14 @@ KITTI_RATE_HZ = 10.0
 """Rate of the KITTI odometry sequences."""
 LEAST_NS_STEP = 1000
 """Integer stamps at least this far apart are read as nanoseconds, not seconds."""
+SHOWN = 40
+"""Most characters of an unknown frame that an error message quotes."""
 TUM_VALUES = 8
 COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
 """Values per line whose pose is followed by its covariance: the upper triangle by rows, or the full matrix."""
-FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILINE)
-FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
+FRAME_COMMENT = re.compile(r"^[ \t]*#[# \t]*frame[ \t]*[:=][ \t]*([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+FRAME = re.compile(r"([a-z]\w*?)[-_ \t]+from[-_ \t]+([a-z]\w*)", re.IGNORECASE)
+FRAME_NAME = re.compile(r"(?<![a-z])world_from_(?:body|cam)(?![a-z])", re.IGNORECASE)
 
 
 class TrajectoryFile(NamedTuple):
@@ -85,14 +89,26 @@ def guess_format(path: Path) -> str:
 def declared_frame(path: Path) -> str | None:
     """Frame that a trajectory file declares, such as `world_from_body`, in its first comments or its name.
 
-    None if it declares none; UserError when comment and name differ.
+    None if it declares none; UserError when comment and name differ, and for a comment that names no two frames.
     """
-    said = FRAME_COMMENT.findall(comments(path))
-    named = FRAME_NAME.findall(path.name)
+    said = [_frame_of(path, text) for text in FRAME_COMMENT.findall(comments(path))]
+    named = [name.lower() for name in FRAME_NAME.findall(path.name)]
     found = list(dict.fromkeys([*said, *named]))
     if len(found) > 1:
         raise UserError(f"{path}: declares {' and '.join(found)}; correct its `# frame:` or its name")
     return found[0] if found else None
+
+
+def _frame_of(path: Path, text: str) -> str:
+    """Frames in the one spelling that is compared, such as `world_from_cam`; UserError for a text that names none."""
+    found = FRAME.fullmatch(text.strip("`'\" \t"))
+    if found is None:
+        raise UserError(
+            f"{path}: its comment declares the frame {one_line(text.strip())[:SHOWN]!r}, which does not say of what "
+            "the poses are; write `# frame: world_from_body` or `# frame: world_from_cam`, or remove the comment"
+        )
+    fixed, moving = (name.lower() for name in found.groups())
+    return f"{fixed}_from_{'cam' if moving == 'camera' else moving}"
 
 
 def read_tum(path: Path) -> Trajectory:
