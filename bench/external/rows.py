@@ -18,6 +18,7 @@ from uavbench.tracker.results import COVARIANCE_COLUMNS, POSE_COLUMNS, UPPER
 from uavbench.trajectories.errors import UserError, one_line
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, FileLimit
 from uavbench.trajectories.files.reading import opened
+from uavbench.trajectories.files.tables import plain_number
 from uavbench.trajectories.pose import Array, Pose
 
 POSE_HEADER = ["stamp_ns", "status", *POSE_COLUMNS]
@@ -96,7 +97,7 @@ def read_row(text: str, where: str) -> EstimateRow:
     """Stamp and result of a row; TrackerFault when it is malformed, not finite or not a valid pose."""
     cells = [cell.strip() for cell in text.strip().split(",")]
     try:
-        if len(cells[0]) > 20:  # 64 bits and a sign
+        if len(cells[0]) > 20 or "_" in cells[0]:  # 64 bits and a sign; Python reads 1_5 as 15
             raise ValueError
         stamp_ns = int(cells[0])
     except ValueError:
@@ -114,7 +115,7 @@ def read_row(text: str, where: str) -> EstimateRow:
     if len(values) not in (7, 28):
         raise TrackerFault("malformed", where, f"{len(values)} numbers after `ok`, not 7 (pose) or 28 (and covariance)")
     try:
-        numbers = np.array([float(value) for value in values])
+        numbers = np.array([plain_number(value) for value in values])
     except ValueError as error:
         raise TrackerFault("malformed", where, str(error)[:120]) from None
     if not np.isfinite(numbers).all():

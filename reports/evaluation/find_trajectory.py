@@ -13,7 +13,7 @@ from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TRAJECTORY
-from uavbench.trajectories.files.tables import column_names, line_of_row
+from uavbench.trajectories.files.tables import column_names, line_of_row, plain_number
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import InvalidRowError, Trajectory
 from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
@@ -170,7 +170,7 @@ def _of_table(path: Path) -> Found:
     kept = [row for row, good in zip(rows, ok, strict=True) if good]
     _check_file_seconds(path, stamps, np.array(ok), columns)
     try:
-        cameras = np.array([[float(row[name]) for name in POSE] for row in kept])
+        cameras = np.array([[plain_number(row[name]) for name in POSE] for row in kept])
         trajectory = world_from_cameras(stamps[np.array(ok)], cameras)
         claimed = _claimed(kept) if set(columns) >= set(COLUMNS) else None
     except InvalidRowError as error:
@@ -215,7 +215,7 @@ def world_from_cameras(stamps_ns: NDArray[np.int64], cameras: Array) -> Trajecto
 
 def _claimed(rows: list[dict[str, str]]) -> PoseCovariances | None:
     """Covariances of `cam_from_world` in a tracker's rows, blank for rows without one."""
-    table = np.array([[float(row[name] or "nan") for name in COLUMNS] for row in rows])
+    table = np.array([[plain_number(row[name] or "nan") for name in COLUMNS] for row in rows])
     return PoseCovariances.of_columns(table, "moving")
 
 

@@ -19,6 +19,7 @@ from uavbench.scenes.primitives.solids import polygon_triangles
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, LONGEST_LINE, MODEL, MOST_NESTING, MOST_ROWS
 from uavbench.trajectories.files.reading import read_text
+from uavbench.trajectories.files.tables import plain_number
 from uavbench.trajectories.pose import Pose, rotation_exp
 
 MOST_LOADS = 1000
@@ -115,7 +116,7 @@ def _angle(word: str) -> float:
 
 
 def _number(word: str) -> float:
-    value = float(word)
+    value = plain_number(word)
     if not abs(value) <= LARGEST_COORDINATE_M:
         raise ValueError(f"{word.strip()} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
     return value
@@ -243,7 +244,7 @@ def _values(row: str) -> list[str]:
     """Numbers of a row, without ViSP's trailing options (name=..., minLineLengthThreshold=...)."""
     values = [word for word in row.split() if "=" not in word]
     for word in values:
-        if not abs(float(word)) <= LARGEST_COORDINATE_M:
+        if not abs(plain_number(word)) <= LARGEST_COORDINATE_M:
             raise ValueError(f"{word} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
     return values
 

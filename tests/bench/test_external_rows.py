@@ -58,6 +58,9 @@ def test_a_frame_without_a_pose_needs_no_numbers(text):
     ("text", "fault"),
     [
         ("", "malformed"),
+        (f"1_00,ok,{POSE}", "malformed"),
+        ("1_00,lost", "malformed"),
+        (f"100,ok,{POSE.replace('3.5', '3_5')}", "malformed"),
         ("hello", "malformed"),
         ("1.5,ok," + POSE, "malformed"),
         ("1" * 21 + ",ok," + POSE, "malformed"),
@@ -140,3 +143,12 @@ def test_a_flood_of_rows_is_refused_by_its_size_and_faults_are_counted(tmp_path,
     results, faults = read_estimates(path, [0, 1000, 2000])
     assert [row.status for row in results] == ["lost", "ok", "lost"]
     assert len(faults) == 11 and faults[-1].name == "too-many" and "42 more faults" in str(faults[-1])
+
+
+def test_a_stamp_with_an_underscore_is_no_row_of_its_frame(tmp_path):
+    """Python reads 1_00 as 100."""
+    rows = [f"{stamp},ok,{POSE}" for stamp in ("0", "1_00", "200", "300")]
+    (tmp_path / "estimates.csv").write_text("\n".join([",".join(POSE_HEADER), *rows]) + "\n")
+    results, faults = read_estimates(tmp_path / "estimates.csv", STAMPS)
+    assert [result.status for result in results] == ["ok", "lost", "ok", "ok"]
+    assert [(fault.name, fault.where) for fault in faults] == [("malformed", "estimates.csv line 3")]

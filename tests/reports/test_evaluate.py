@@ -92,6 +92,16 @@ def test_formats_are_guessed_and_agree(tmp_path: Path) -> None:
     assert found.coverage == 1.0
 
 
+def test_numbers_with_underscores_are_none(tmp_path: Path) -> None:
+    """Python reads 1_0 as 10."""
+    write_tum(circle(3), tmp_path / "gt.tum")
+    head = "stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz"
+    rows = [f"{t},ok,1_0,0,0,1,0,0,0" for t in circle(3).stamps_ns]
+    (tmp_path / "frames.csv").write_text(lines(head, *rows))
+    with pytest.raises(UserError, match=r"frames.csv: could not convert string to float: '1_0'"):
+        evaluate_files(tmp_path / "gt.tum", tmp_path / "frames.csv")
+
+
 @pytest.mark.parametrize(("lost", "share"), [((1, 2), 0.5), ((2, 3), 0.67), ((1, 3), 0.34)])
 def test_a_tracker_that_loses_frames_in_turn_is_no_slower_one(
     tmp_path: Path, lost: tuple[int, int], share: float

@@ -132,6 +132,8 @@ def test_a_placed_cylinder_keeps_its_shape(tmp_path):
         ('V1\nload("a.cao", t=[0; 1; x])\n', "line 2: could not convert string to float"),
         ('V1\nload("a.cao", tu=[0; 1; 2 grad])\n', "line 2: could not convert string to float"),
         ('V1\nload("a.cao", t=[0; 1; nan])\n', "line 2: nan is not finite"),
+        ('V1\nload("a.cao", t=[0; 1; 1_0])\n', "line 2: could not convert string to float: '1_0'"),
+        ("V1\n3\n0 0 0\n1_0 0 0\n", "line 4: expected numbers for the points, got '1_0 0 0'"),
         ('V1\nload("a.cao", s=[0; 1; 1])\n', "line 2: unknown parameter 's' of load"),
         ('V1\nload("a.cao", R=[1; 0; 0; 0; 1; 0; 0; 0; -1])\n', "line 2: R is not a rotation"),
         ('V1\nload("a.cao", tu=[0; 0; 0], tu=[0; 0; 0])\n', "line 2: tu is given twice"),

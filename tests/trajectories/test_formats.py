@@ -154,6 +154,8 @@ def test_evo_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> N
         ("1 0 0 0 0 0 0 x\n", "line 1: could not convert"),
         ("one 0 0 0 0 0 0 1\n", "line 1: 'one' is not a time stamp"),
         ("t,tx,ty,tz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n", "'t' is not a time stamp; put # before a line of names"),
+        ("0 1_0 0 0 0 0 0 1\n", "line 1: could not convert string to float: '1_0'"),
+        ("0 0 0 0 0 0 0 1\n1_0 0 0 0 0 0 0 1\n", "line 2: '1_0' is not a time stamp"),
         ("1e99 0 0 0 0 0 0 1\n", "does not fit"),
         ("nan 0 0 0 0 0 0 1\n", "is not a time stamp"),
         ("1 0 0 0 0 0 0 1\n2 0 0\n", "line 2 has 3 values, expected 8"),

@@ -121,6 +121,13 @@ def line_of_row(path: Path, row: int) -> int:
         return next(islice(rows, row, None)).line
 
 
+def plain_number(text: str) -> float:
+    """Number that a text is; ValueError for any other, and for one with underscores: Python reads 1_5 as 15."""
+    if "_" in text:
+        raise ValueError(f"could not convert string to float: {one_line(text)[:SHOWN]!r}")
+    return float(text)
+
+
 def _or_nothing(cell: str) -> float:
     return float(cell) if cell.strip() else np.nan
 

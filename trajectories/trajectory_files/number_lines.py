@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_POSES, TRAJECTORY
 from uavbench.trajectories.files.reading import not_text, opened
+from uavbench.trajectories.files.tables import plain_number
 from uavbench.trajectories.pose import Array
 
 FIRST_BYTES, BLOCK_BYTES = 1 << 16, 1 << 23
@@ -213,7 +214,7 @@ def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLin
         numbers.append(line_number)
         stamps.append(_stamp(path, line_number, cells[0], layout.unit_ns) if layout.unit_ns else 0)
         try:
-            values.extend([float(cell) for cell in cells[: layout.values]])
+            values.extend([plain_number(cell) for cell in cells[: layout.values]])
         except ValueError as error:
             raise UserError(f"{path}: line {line_number}: {error}") from None
     table = np.array(values).reshape(-1, layout.values)
@@ -236,7 +237,7 @@ def _filled(path: Path, block: bytes, number: int) -> Iterator[tuple[int, str]]:
 
 def _stamp(path: Path, number: int, text: str, unit_ns: int) -> int:
     try:
-        value = Decimal(text)
+        value = Decimal(text.replace("_", "?"))  # Python reads 1_5 as 15
         if value.is_finite() and value.adjusted() > 19:  # before its digits are written out: 1e999990 has a million
             raise OverflowError
         stamp = int((value * unit_ns).to_integral_value())
