@@ -25,6 +25,7 @@ from uavbench.scenes.model_files.obj.digits import written_step
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.model_files.obj.materials import TextureMap
 from uavbench.scenes.model_files.obj.plain_lines import with_plain_lines
+from uavbench.scenes.model_files.obj.texture_places import check_texture_places
 from uavbench.scenes.model_files.ply_colours import check_ply_colours
 from uavbench.scenes.model_files.polygons.off import as_obj
 from uavbench.scenes.model_files.polygons.ply import triangles_of
@@ -138,6 +139,7 @@ def read(path: Path) -> list[Loaded]:
     check_file(path, data)
     if kind == ".off":
         kind, data = ".obj", as_obj(path, data)
+    plain = data
     data = with_triangles(path, data) if kind == ".obj" else data
     data = with_plain_elements(path, data) if kind == ".ply" else data
     import trimesh
@@ -147,6 +149,8 @@ def read(path: Path) -> list[Loaded]:
     beside = ModelFolder(path.parent)
     try:
         data = beside.with_materials(data) if kind == ".obj" else data
+        if beside.textures:
+            check_texture_places(plain, beside.textures)
         with _without_tracebacks(trimesh.util.log):
             scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
         placed = [scene.graph[node] for node in scene.graph.nodes_geometry]

@@ -156,3 +156,44 @@ def test_vertex_colours_of_8_bits_that_are_nearly_black_stay_so(tmp_path):
     mesh.export(tmp_path / "dark.ply")
     tint = read(tmp_path / "dark.ply")[0].tint
     assert tint is not None and tint[:, :3].max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("face", "told"),
+    [
+        ("f 1/1 2/2 3/4", "line 10: a face refers to a missing texture coordinate, of which the file has 3; export"),
+        ("f 1/1/1 2/2/1 3/10/1", "line 10: a face refers to a missing texture coordinate"),
+        ("f\t1/1 \\\n2/2 3/004", "line 10: a face refers to a missing texture coordinate"),
+        ("f 1 2 3", "line 10: a face has no texture coordinates, and others of its material my w have; unwrap it, or"),
+        ("f 1/1 2 3/3", "line 10: a face has no texture coordinates"),
+        ("f 1/1 2//1 3/3", "line 10: a face has no texture coordinates"),
+        ("f 1/1 2/2 3/", "line 10: a face has no texture coordinates"),
+        ("usemtl bare\nf 1 2 3\nusemtl my  w\nf 1 2 3/3", "line 13: a face has no texture coordinates"),
+    ],
+)
+def test_a_face_without_a_place_in_its_texture_is_told(tmp_path, face, told):
+    """The texture had been left out of all faces of its material."""
+    written(tmp_path, "map_Kd wall.png", material="my w")
+    with (tmp_path / "a.obj").open("a") as file:
+        file.write(face + "\n")
+    with pytest.raises(UserError, match=f"a.obj: {told}"):
+        read(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("count", [1, 3, 9, 10, 19, 99, 120])
+def test_all_texture_coordinates_of_a_file_may_be_used(tmp_path, count):
+    written(tmp_path, "map_Kd wall.png")
+    others = f"f 1/{count}/1 2/0{count}/1 3/1/1\nusemtl other\nf 1/1 2/{count + 1} 3/3\nf 1 2 3\nl 1/{count + 1} 2/1"
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\n" + "vt 0.5 1\n" * count
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{corners}usemtl w\n{others}\n")
+    assert [piece.texture is not None for piece in read(tmp_path / "a.obj")].count(True) == 1
+    text = (tmp_path / "a.obj").read_text().replace(f"/{count}/1 ", f"/{count + 1}/1 ", 1)
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(UserError, match=f"a missing texture coordinate, of which the file has {count};"):
+        read(tmp_path / "a.obj")
+
+
+def test_a_texture_of_faces_that_have_no_place_in_it_is_left_out(tmp_path):
+    written(tmp_path, "map_Kd wall.png")
+    (tmp_path / "a.obj").write_text((tmp_path / "a.obj").read_text().replace(FACE, "f 1 2 3\nf 1//1 2//1 3//1"))
+    assert [piece.texture for piece in read(tmp_path / "a.obj")] == [None]
