@@ -67,7 +67,10 @@ class Run(Protocol):
     """A run of a tracker on one sequence."""
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame; image (h, w) grey or (h, w, 3) BGR, stamps strictly increasing."""
+        """Estimate at the next frame; image (h, w) grey or (h, w, 3) BGR, stamps strictly increasing.
+
+        A frame whose stamp is not later than all before is `lost` to uavbench's own trackers.
+        """
         ...
 
 
@@ -155,6 +158,20 @@ def check_stamp(stamp_ns: int) -> int:
         return index(stamp_ns)
     except TypeError:
         raise StampError(f"the stamp is {stamp_ns!r}; give whole nanoseconds, as round(1e9 * seconds)") from None
+
+
+@dataclass
+class StampOrder:
+    """The latest stamp of a run, by which it tells a frame that is not later than all before."""
+
+    latest_ns: int | None = None
+
+    def is_later(self, stamp_ns: int) -> bool:
+        """Whether a frame is later than all before; stores its stamp. StampError as `check_stamp`."""
+        stamp_ns = check_stamp(stamp_ns)
+        later = self.latest_ns is None or stamp_ns > self.latest_ns
+        self.latest_ns = stamp_ns if later else self.latest_ns
+        return later
 
 
 def check_image(image: Image, camera: Camera) -> Image:

@@ -8,7 +8,7 @@ import pytest
 from uavbench.bench.config.suite import load_suite
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.generate import generate
-from uavbench.tracker.protocol import ImageError, StartError
+from uavbench.tracker.protocol import ImageError, StampError, StartError
 from uavbench.tracker.registry import TRACKERS
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.pose import Pose
@@ -138,6 +138,23 @@ def test_an_image_that_is_none_is_refused_by_name_and_harms_nothing(kind, sequen
     with pytest.raises(ImageError, match=told):
         run.track(change(sequence.image(0)), 0)
     assert run.track(sequence.image(0), 0).status == "ok"
+
+
+@VARIANTS
+def test_a_frame_that_is_not_later_than_all_before_is_lost(kind, sequence):
+    """`robust` alone had asked for the stamp: the others tracked a frame of the past as a new one."""
+    run, plain = begun(kind, sequence), begun(kind, sequence)
+    images, stamps = [sequence.image(k) for k in range(4)], sequence.stamps_ns[:4].tolist()
+    assert run.track(images[0], stamps[0]).status == plain.track(images[0], stamps[0]).status == "ok"
+    assert run.track(images[1], stamps[1]).status == plain.track(images[1], stamps[1]).status == "ok"
+    for k, stamp in ((2, stamps[1]), (2, stamps[0]), (0, stamps[0])):
+        assert run.track(images[k], stamp).status == "lost"
+    with pytest.raises(StampError, match=r"the stamp is 0\.2; give whole nanoseconds"):
+        run.track(images[2], 0.2)
+    found, expected = run.track(images[3], stamps[3]), plain.track(images[3], stamps[3])
+    assert found.status == expected.status == "ok"
+    if kind != "robust":
+        assert np.array_equal(found.cam_from_world.matrix, expected.cam_from_world.matrix)
 
 
 def read_only(image):

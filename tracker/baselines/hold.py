@@ -1,12 +1,12 @@
 """`hold`: repeats the initial pose, the floor that every other variant must beat."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_start
+from uavbench.tracker.protocol import Image, Run, StampOrder, TrackResult, check_image, check_start
 from uavbench.trajectories.pose import Pose
 
 
@@ -25,8 +25,11 @@ class HoldRun:
 
     cam_from_world: Pose
     camera: Camera
+    order: StampOrder = field(default_factory=StampOrder)
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """The initial pose again; ImageError for an image of another size or type."""
+        """The initial pose again; ImageError for an image of another size or type, StampError for no stamp."""
         check_image(image, self.camera)
+        if not self.order.is_later(stamp_ns):
+            return TrackResult(status="lost")
         return TrackResult(status="ok", cam_from_world=self.cam_from_world)

@@ -15,7 +15,7 @@ from annotated_types import Ge, Gt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_start
+from uavbench.tracker.protocol import Image, Run, StampOrder, TrackResult, check_image, check_start
 from uavbench.tracker.shang_shen.segments import grey
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.geometry.bvh import build_tree
@@ -48,6 +48,7 @@ class VoRun:
 
     def __init__(self, parameters: Vo, structure: Structure, camera: Camera, cam_from_world: Pose) -> None:
         self.parameters, self.structure, self.camera, self.pose = parameters, structure, camera, cam_from_world
+        self.order = StampOrder()
         self.last: Image | None = None
         self.pixels = np.zeros((0, 2))  # current pixel of each corner
         self.points = np.zeros((0, 3))  # its position in the world
@@ -56,8 +57,10 @@ class VoRun:
         self.placed = np.zeros(0, dtype=bool)
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame; ImageError for an image of another size or type."""
+        """Estimate at the next frame; ImageError for an image of another size or type, StampError for no stamp."""
         image = check_image(image, self.camera)
+        if not self.order.is_later(stamp_ns):
+            return TrackResult(status="lost")
         clock = StageClock()
         gray = grey(image)
         if self.last is not None:

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_start
+from uavbench.tracker.protocol import Image, Run, StampOrder, TrackResult, check_image, check_start
 from uavbench.tracker.shang_shen.control_points import CONTROL_POINT_SPACING_PX, ControlPoints, control_points
 from uavbench.tracker.shang_shen.edge_search import SEARCH_PX, Candidates
 from uavbench.tracker.shang_shen.hypotheses import Matches
@@ -74,11 +74,13 @@ class PublishedRun:
         rng: np.random.Generator,
     ) -> None:
         self.variant, self.structure, self.camera = variant, structure, camera
-        self.cam_from_world, self.rng = cam_from_world, rng
+        self.cam_from_world, self.rng, self.order = cam_from_world, rng, StampOrder()
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame; ImageError for an image of another size or type."""
+        """Estimate at the next frame; ImageError for an image of another size or type, StampError for no stamp."""
         image = check_image(image, self.camera)
+        if not self.order.is_later(stamp_ns):
+            return TrackResult(status="lost")
         variant, camera, clock = self.variant, self.camera, StageClock()
         with clock.stage("detect"):
             edges = variant.detect(grey(image), camera)
