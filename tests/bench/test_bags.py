@@ -417,6 +417,19 @@ def test_a_tracker_runs_on_the_images_of_a_bag(tmp_path, real):
     assert not (tmp_path / "x").exists()
 
 
+def test_the_rate_of_a_topic_is_that_of_its_images(tmp_path, real):
+    """It had been that of as many images spread over the whole bag: 0.2 Hz in place of 20."""
+    stamps = [1_000_000_000, 1_025_000_000, 1_100_000_000]
+    topics = {
+        "/image": [(s, raw(s, "bgr8", PICTURE)) for s in stamps],
+        "/late": [(s, raw(s, "bgr8", PICTURE)) for s in (0, 10**10)],
+    }
+    bag = written(tmp_path / "bag", topics)
+    done = call("track", "hold", "--bag", bag, "--image-topic", "/image", *real, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "out" / "record.json").read_text())["rate_hz"] == pytest.approx(20.0)
+
+
 @pytest.mark.parametrize(
     ("make_message", "told"),
     [

@@ -58,12 +58,11 @@ def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
 
 
 def bag_rate_hz(source: BagTopic) -> float:
-    """Mean rate in Hz of the images of a topic, by their time of recording; 0 for a single image."""
+    """Mean rate in Hz of the images of a topic, by the stamps of their headers; 0 for a single image."""
     with opened_bag(source.bag) as bag:
-        bag.check(source.topic, (RAW, COMPRESSED))
-        count = bag.topics[source.topic].messages
-        span_s = bag.duration_ns / 1e9
-        return (count - 1) / span_s if count > 1 and span_s > 0 else 0.0
+        stamps = [stamp_ns(message.header) for message in bag.messages(source.topic, (RAW, COMPRESSED))]
+    span_s = (stamps[-1] - stamps[0]) / 1e9
+    return (len(stamps) - 1) / span_s if span_s > 0 else 0.0
 
 
 def _raw(name: Path, message: Any) -> Image:
