@@ -78,6 +78,8 @@ def pack(suite_name: str, where: Packing) -> int:
             for sequence in sequences.values():
                 refuse_guessed(hidden[sequence.name], sequence.ground_truth)
         write_package(out, challenge, sequences, suite.start)
+    if others := sorted({name for sequence in sequences.values() for name in sequence.cameras}):
+        say(f"not in the package, as trackers are given the main camera alone: images of {', '.join(others)}", err=True)
     say(f"for the organizer alone, with the secret and the ground truth: {truth}", err=True)
     say(out)
     return 0

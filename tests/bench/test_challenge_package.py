@@ -241,6 +241,31 @@ def test_pack_makes_packages_without_truth_alone(challenge):
     assert done.exit_code == 2 and "confirm with --without-truth" in done.output
 
 
+def test_a_package_has_the_main_camera_alone_and_pack_names_the_others(tmp_path):
+    """They had been left out without a word."""
+    more = """
+    cameras = [
+        { name = "left", camera = { width = 64, height = 48 }, mount = { yaw_deg = 9.0 }, offset_s = 0.01 },
+        { name = "below", camera = { width = 64, height = 48 }, mount = { pitch_deg = -60.0 } },
+    ]
+    [trackers]"""
+    text = CONTEST.replace("[trackers]", more).replace("seeds = [770177017, 770277027]", "seeds = [770177017]")
+    (tmp_path / "rig.toml").write_text(text)
+    done = packed(tmp_path / "rig.toml", tmp_path / "participants", "--truth", tmp_path / "kept", "--private-suite")
+    assert done.exit_code == 0, done.output
+    assert "not in the package, as trackers are given the main camera alone: images of below, left" in done.output
+    files = package(tmp_path)
+    tables = {name for name in files if name.endswith(".csv")}
+    assert tables == {f"sequence-01/{name}.csv" for name in ("edges", "frames", "gnss", "imu")}
+    kept = Sequence.load(tmp_path / "kept/sequences/quarry-s770177017")
+    for name in ("left", "below"):
+        assert len(kept.cameras[name]) > 1
+        assert not [file for file, data in files.items() if name in file or f'"{name}"'.encode() in data]
+    assert files["sequence-01/frames.csv"].decode().split()[1:] == [
+        f"{stamp},frames/{k:06d}.png" for k, stamp in enumerate(kept.stamps_ns.tolist())
+    ]
+
+
 def flown(path, tmp_path):
     """Spec of a sequence on a path, and its true poses at 10 Hz under a secret seed."""
     text = CONTEST.replace('{ kind = "hand-pilot", duration_s = 0.4 }', path).replace('"dryden"', '"still"')
