@@ -14,13 +14,12 @@ from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.found_edges import MOST_MISSING, STILL_MISSING, FoundEdges
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
-from uavbench.tracker.robust.places.places import Places
+from uavbench.tracker.robust.places.places import Places, Recalled
 from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
-from uavbench.trajectories.pose import Pose
 
 SEARCH_EVERY = 8
 """Frames between searches that find nothing better, while support is sufficient: limits their time, where frames are so
@@ -67,6 +66,7 @@ class Decider:
         self.slid = False
         self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
         self.until_search, self.searched_suspect = 0, False
+        self.recalled = Recalled()
         self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
@@ -80,7 +80,8 @@ class Decider:
         best = self.without_patches(frame, found.fit, clock)
         given = best is tracked or (first and self.kept_initial)
         fit = best if given else self.freed(best)
-        held = self.state.holds(fit, frame.predicted, found.searched, not self.is_slow(frame))
+        recent, landmarks = not self.is_slow(frame), self.recalled.landmarks
+        held = self.state.holds(fit, frame.predicted, found.searched, recent, landmarks)
         slid = found.settled and held and self.has_slid(frame, fit)
         settled = found.settled and held and not slid
         self.state.is_lost = not settled
@@ -189,7 +190,7 @@ class Decider:
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""
-        self.until_search -= 1
+        self.until_search, self.recalled = self.until_search - 1, Recalled()
         first = self.state.is_first
         given = first and not self.gave_up and not self.relocator.under_way
         kept = self.prior_constrained(frame, fit, clock) if given else None
@@ -270,13 +271,14 @@ class Decider:
         put_off = self.until_search >= 0 and not self.relocator.under_way and self.searched_suspect >= suspect
         return slow or not put_off or not fit.support >= loss.min_support
 
-    def recalled(self, frame: Frame, fit: Fit) -> list[Pose]:
+    def recall(self, frame: Frame, fit: Fit) -> Recalled:
         """Likely poses of a frame that the prediction does not explain, by what the run has seen before.
 
-        None right after a frame that left hypotheses, whose comparison needs the budget.
+        None right after a frame that left hypotheses or a pose that chance does not explain: these need the budget.
         """
-        if self.state.is_first or fit.support >= self.config.loss.min_support or frame.follows_hypotheses:
-            return []
+        found = frame.follows_hypotheses or self.relocator.found_before
+        if self.state.is_first or fit.support >= self.config.loss.min_support or found:
+            return Recalled()
         return self.places.recalled(frame.image, self.fitter.work, self.fitter.cost(1))
 
     def is_slow(self, frame: Frame) -> bool:
@@ -290,11 +292,14 @@ class Decider:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
         others = [each.predicted.cam_from_world for each in frame.likely[1:MOST_GUESSES]]
-        guesses = [predicted] if first else [predicted, *others, self.state.motion.cam_from_world]
+        own = frame.extrapolated_s > 0.0  # not the vehicle's
+        carried = self.state.motion.carried_on(frame.dt_s) if own else None
+        lasting = [carried] if carried else []
+        guesses = [predicted] if first else [predicted, *others, *lasting, self.state.motion.cam_from_world]
         if frame.step_s >= self.config.slow_s:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
-        recalled, work = self.recalled(frame, fit), self.fitter.work
+        self.recalled, work = self.recall(frame, fit), self.fitter.work
         # For a fit where the run may begin again; where a pose is doubted, for those without memory around it.
         doubted = not (self.doubts.settled or self.config.budget.is_least(frame.step_s))
         reserve = self.fitter.cost(1) if self.led else work.left // 2 if doubted else 0
@@ -307,9 +312,10 @@ class Decider:
             fit,
             sure=sure,
             thorough=slow,
-            recalled=recalled,
+            recalled=[*self.recalled.landmarks, *self.recalled.alike],
             likely=frame.likely,
             lost=self.state.is_lost,
+            carried=carried,
         )
         found = self.relocator.search(sought)
         work.allowed += reserve
@@ -317,7 +323,7 @@ class Decider:
         # Before any pose is accepted only a given initial pose vouches for the place where a search ends.
         unvouched = first and not given
         searched = unvouched or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
-        enough = self.state.holds(found.fit, frame.predicted, searched, not slow)
+        enough = self.state.holds(found.fit, frame.predicted, searched, not slow, self.recalled.landmarks)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure

@@ -51,7 +51,8 @@ class Follower:
         sure = fit.finite and fit.support >= self.config.loss.min_support
         if not self.fitter.camera.readout_ms or before.velocity is None or not (close and sure):
             return fit
-        now = before.update(fit.cam_from_world, fit.covariance, frame.dt_s).velocity
+        memory_s = self.config.motion.memory_s
+        now = before.update(fit.cam_from_world, fit.covariance, frame.dt_s, memory_s).velocity
         assert now is not None
         self.fitter.move(now + 0.5 * (now - before.velocity))
         return self.fit(frame, clock)

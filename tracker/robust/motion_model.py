@@ -42,12 +42,14 @@ class Motion:
     """Pose, covariance and velocity of the camera.
 
     Errors and velocity are twists in the camera frame, translation first: the true pose is exp(xi) cam_from_world. The
-    covariance (6, 6) is in m^2 and rad^2, the velocity (6,) in m/s and rad/s, None while unknown.
+    covariance (6, 6) is in m^2 and rad^2, the velocity (6,) in m/s and rad/s, None while unknown; mean_velocity (6,):
+    its exponentially weighted mean, with the time constant memory_s.
     """
 
     cam_from_world: Pose
     covariance: Array
     velocity: Array | None = None
+    mean_velocity: Array | None = None
 
     def predict(self, dt_s: float, range_m: float, config: MotionConfig) -> "Motion":
         """Pose and covariance after dt_s, without velocity; range_m is the distance to the structure.
@@ -64,6 +66,13 @@ class Motion:
         then = moved(at.rotation, at.translation, xi, self.covariance, sigma_m, sigma_rad)
         return Motion(Pose(then.R, then.t), then.covariance)
 
+    def carried_on(self, dt_s: float) -> Pose:
+        """Pose after dt_s if the mean velocity lasts: on a circle or a straight line, and still without a velocity."""
+        if self.mean_velocity is None:
+            return self.cam_from_world
+        at = self.cam_from_world
+        return Pose(*se3_exp_left(at.rotation, at.translation, self.mean_velocity * dt_s))
+
     def spread_m(self, range_m: float) -> float:
         """Standard deviation in m of the predicted position of a point at range_m, of translation and rotation."""
         variance = self.covariance.flat[TRANSLATION].sum() + range_m**2 * self.covariance.flat[ROTATION].sum()
@@ -74,13 +83,14 @@ class Motion:
         at, to = self.cam_from_world, cam_from_world
         return squared_mahalanobis(at.rotation, at.translation, to.rotation, to.translation, self.covariance)
 
-    def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
-        """Motion at a new pose, dt_s after this one; the velocity is kept if dt_s is 0."""
+    def update(self, cam_from_world: Pose, covariance: Array, dt_s: float, memory_s: float) -> "Motion":
+        """Motion at a new pose, dt_s after this one; velocities are kept if dt_s is 0."""
         if dt_s <= 0:
-            return Motion(cam_from_world, covariance, self.velocity)
+            return Motion(cam_from_world, covariance, self.velocity, self.mean_velocity)
         was = self.cam_from_world
         moved = se3_log_left(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
-        return Motion(cam_from_world, covariance, moved)
+        mean, part = self.mean_velocity, 1 - np.exp(-dt_s / memory_s)
+        return Motion(cam_from_world, covariance, moved, moved if mean is None else mean + part * (moved - mean))
 
 
 @dataclass(frozen=True)

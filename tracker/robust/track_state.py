@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
-from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors, isotropic_covariance
 from uavbench.tracker.robust.near_poses import log10_poses_as_near
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Contender, Likely
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
+from uavbench.trajectories.pose import Pose
 
 
 class Hypothesis(NamedTuple):
@@ -64,19 +65,30 @@ class TrackState:
         """The larger of a good support and a part of the usual one."""
         return max(self.config.good_support, self.config.loss.slow_part * self.usual_support)
 
-    def holds(self, fit: Fit, predicted: Motion, searched: bool, recent: bool) -> bool:
+    def holds(self, fit: Fit, predicted: Motion, searched: bool, recent: bool, landmarks: Sequence[Pose] = ()) -> bool:
         """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt.
 
-        recent: whether the last pose is. A fit that was searched may have any support where hardly a pose among all
-        those of a search is expected to find as many of its edges by chance.
+        recent: whether the last pose is; landmarks: poses by what the run has seen before. A fit that was searched may
+        have any support where hardly a pose among all those of a search, or those as near to one of landmarks, is
+        expected to find as many of its edges by chance.
         """
         if not fit.finite or self.is_by_chance(fit, predicted, searched):
             return False
         enough = fit.support >= self.required_support(fit, predicted, searched)
         poses = SEARCHED_POSES if searched else HYPOTHESES
-        by_chance = fit.chance.edges + log10(poses)
+        by_chance = fit.chance.edges + self.log10_searched(fit, landmarks)
         beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
+
+    def log10_searched(self, fit: Fit, landmarks: Sequence[Pose]) -> float:
+        """Decimal logarithm of the number of poses among which a search found a fit, no less than those of a fit.
+
+        Landmarks tell where to look, and are nothing that the model's edges have in common with chance.
+        """
+        known = isotropic_covariance(self.config.relocalization.found_sigma, self.range_m)
+        apart_px = self.config.solver.estimator.last_width_px
+        near = [log10_poses_as_near(fit, Motion(pose, known), apart_px) for pose in landmarks]
+        return max(log10(HYPOTHESES), min([log10(SEARCHED_POSES), *near]))
 
     def is_by_chance(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
         """Whether chance explains a fit, among the poses of a search or, without one, those as near to a prediction."""
@@ -129,7 +141,8 @@ class TrackState:
         found = []
         for fit, worth, follows in sound:
             motion, since_ns, _, errors = before[follows]
-            moved = motion.update(fit.cam_from_world, fit.covariance, (stamp_ns - since_ns) * 1e-9)
+            since_s = (stamp_ns - since_ns) * 1e-9
+            moved = motion.update(fit.cam_from_world, fit.covariance, since_s, self.config.motion.memory_s)
             errors = errors.updated(likely[follows].predicted, fit.cam_from_world, rate)
             found.append(Hypothesis(moved, stamp_ns, worth - sound[0].worth, errors))
         self.hypotheses = tuple(found)
@@ -156,7 +169,9 @@ class TrackState:
             dt_s = 0.0  # there is no pose before it that would tell a velocity
         else:
             self.prediction_errors = self.prediction_errors.updated(predicted, fit.cam_from_world, rate)
-        self.motion, self.hypotheses = self.motion.update(fit.cam_from_world, fit.covariance, dt_s), ()
+        memory_s = self.config.motion.memory_s
+        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s, memory_s)
+        self.hypotheses = ()
         # The first frame says little about the next ones, since the appearance of its edges is not known yet.
         self.usual_support += max(rate, 1 / max(1, self.frames_ok)) * (fit.support - self.usual_support)
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1

@@ -1,7 +1,9 @@
 """Places where a run had a pose: an image is recognized as one of them, and its pose found by landmarks seen there."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +46,13 @@ class Place:
     landmarks: Landmarks | None = None
 
 
+class Recalled(NamedTuple):
+    """Likely poses of an image by what a run has seen: by landmarks, and of the place that looks most like it."""
+
+    landmarks: Sequence[Pose] = ()
+    alike: Sequence[Pose] = ()
+
+
 class Places:
     """Places of a run, a step apart: of camera centres as a part of the range, or of rotations in rad."""
 
@@ -81,8 +90,8 @@ class Places:
         self.places.append(place)
         self.poses = self.poses.added(motion(place.pose))
 
-    def recalled(self, image: Image, work: Work, reserve: int) -> list[Pose]:
-        """Likely poses of an image (h, w) or (h, w, c): by landmarks, and of the place that looks most like it.
+    def recalled(self, image: Image, work: Work, reserve: int) -> Recalled:
+        """Likely poses of an image (h, w) or (h, w, c).
 
         It spends at most half of what is left of a frame's work, or all but the reserve in every second frame.
         """
@@ -91,14 +100,14 @@ class Places:
         if allowed < 2 * FEATURES + recall_evaluations(MOST_LANDMARKS):
             allowed = work.left - reserve if self.waited else 0
         if self.last is None or allowed < FEATURES:
-            return []
+            return Recalled()
         image, last = grey(image), self.last
         correlation = np.array([place.small for place in self.places]) @ small_image(image)
         likely = [self.places[k] for k in np.argsort(-correlation, kind="stable")]
         tried = [last, *(place for place in likely if place is not last)][:MOST_TRIED]
         turn = self.turn % len(tried)
         tried = tried[turn:] + tried[:turn]
-        return [*self.by_landmarks(image, tried, work, work.done + allowed), likely[0].pose]
+        return Recalled(self.by_landmarks(image, tried, work, work.done + allowed), [likely[0].pose])
 
     def by_landmarks(self, image: Image, places: list[Place], work: Work, until: int) -> list[Pose]:
         """The pose of a grey image (h, w) by as many landmarks of some places as the work allows.

@@ -67,7 +67,8 @@ class Sought(NamedTuple):
     guesses: poses around which to search, the most likely first, with its covariance (6, 6); first: a fit that was
     already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
-    none for the first guess alone; lost: whether no pose of the last frame was accepted.
+    none for the first guess alone; lost: whether no pose of the last frame was accepted; carried: where the mean
+    velocity leads, with which what earlier slices found is moved, None for the first guess.
     """
 
     image: Image
@@ -80,6 +81,7 @@ class Sought(NamedTuple):
     recalled: Sequence[Pose] = ()
     likely: Sequence[Likely] = ()
     lost: bool = False
+    carried: Pose | None = None
 
 
 class Ranking:
@@ -88,13 +90,13 @@ class Ranking:
     def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
         self.config = config
         self.likely = sought.likely or [Likely(Motion(sought.guesses[0], sought.covariance))]
-        near = [*(each.predicted.cam_from_world for each in self.likely), *sought.recalled]
-        self.near = [motion(pose) for pose in near]
+        near = [*(each.predicted.cam_from_world for each in self.likely), sought.carried, *sought.recalled]
+        self.near = [motion(pose) for pose in near if pose is not None]
         self.fits: list[Fit] = []
         self.credits: dict[Fit, float] = {}
         self.range_m, self.lost = sought.range_m, sought.lost
         self.covariance = np.ascontiguousarray(sought.covariance)
-        self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
+        self.given, self.top = sought.first, Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
         self.score = self.first = -np.inf
         if sought.first is not None and sought.first.finite:
             self.add(sought.first)
@@ -104,6 +106,11 @@ class Ranking:
     def advantage(self) -> float:
         """Advantage of the best fit over the given one; inf without one."""
         return self.score - self.first
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the best fit is not the given one, and chance would not find it among the poses of a search."""
+        return self.top is not self.given and self.top.finite and not is_suspect(self.top)
 
     def chi2(self, pose: RigidMotion) -> float:
         """Squared Mahalanobis distance of a pose from the nearest likely or recalled one."""

@@ -119,7 +119,7 @@ class Relocator:
         self.kept: list[Candidate] = []
         self.tried = TriedPoses(self.searcher)
         self.next_change = self.next_block = self.perturbations = 0
-        self.near_done = False
+        self.near_done = self.found_before = False
 
     @property
     def under_way(self) -> bool:
@@ -130,7 +130,7 @@ class Relocator:
         """One slice of the search."""
         work, config = self.fitter.work, self.config
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
-        self.move_along(guesses[0])
+        self.move_along(guesses[0] if sought.carried is None else motion(sought.carried))
         recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
         left = self.fit_in_turn(self.at_guesses([*recalled, *guesses], ranking), sought, ranking)
@@ -152,6 +152,7 @@ class Relocator:
         leads = leads and not rarer
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
+        self.found_before = ranking.is_found
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
         done = Done(self.near_done, all_done)
@@ -225,7 +226,7 @@ class Relocator:
         return sigma_m > 0.5 * self.config.search.view_step_rad * sought.range_m
 
     def move_along(self, reference: RigidMotion) -> None:
-        """Move candidates of earlier frames by the motion of the most likely guess since then."""
+        """Move what earlier slices found by the motion of a reference since then."""
         before, self.reference = self.reference, reference
         if before is None:
             return
@@ -281,7 +282,13 @@ class Relocator:
         return sorted(best, key=lambda each: -each.score)
 
     def at_guesses(self, guesses: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
-        """The guesses as poses to fit, since a prediction is usually better than its covariance."""
+        """Poses to fit first: what the last slice found, if chance does not explain it; unless it is found again also
+        the guesses, since a prediction is usually better than its covariance.
+        """
+        if self.found_before and self.best_before is not None:
+            yield from self.found(self.best_before, 0.0, ranking)
+            if ranking.is_found:
+                return
         for guess in guesses:
             yield from self.found(guess, 0.0, ranking)
 
@@ -302,7 +309,7 @@ class Relocator:
         """
         config = self.config
         self.tried.seen = candidates[0].seen.points if candidates else self.tried.seen
-        if self.best_before is not None:
+        if self.best_before is not None and not self.found_before:
             again = [
                 each.pose
                 for each in candidates
