@@ -196,6 +196,18 @@ def test_bad_frames_are_lost_without_an_exception(flight):
     assert run.track(images[2], 4 * STEP_NS).status == "ok"
 
 
+@pytest.mark.parametrize("first_grey", [True, False])
+def test_grey_and_coloured_images_in_one_run_are_refused_and_it_goes_on(flight, first_grey):
+    poses, images = flight
+    run = started(poses[0])
+    grey = [image[..., 1].copy() for image in images[:3]]
+    kinds = (grey, images) if first_grey else (images, grey)
+    assert run.track(kinds[0][0], 0).status == "ok"
+    with pytest.raises(ImageError, match=r"those before were (grey|BGR); give all of a run in one of both"):
+        run.track(kinds[1][1], STEP_NS)
+    assert run.track(kinds[0][2], 2 * STEP_NS).status == "ok"
+
+
 @pytest.mark.parametrize("stamp", [0.0666, 66_666_667.0, "1", None, np.float64(1e9)])
 def test_stamps_that_are_no_whole_nanoseconds_are_refused(flight, stamp):
     """Seconds would be frames 0.07 ns apart, between which nothing moves."""

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from uavbench.tracker.protocol import Image
+from uavbench.tracker.protocol import Image, ImageError
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
@@ -69,7 +69,13 @@ class Frames:
         self.step_s = 0.0
 
     def is_new(self, image: Image, stamp_ns: int) -> bool:
-        """Whether a frame is later than all previous ones and not identical to the last; stores it."""
+        """Whether a frame is later than all previous ones and not identical to the last; stores it.
+
+        ImageError for a grey image after coloured ones, or the reverse: edges are known by their colours.
+        """
+        if self.seen_rows is not None and self.seen_rows.ndim != image.ndim:
+            kinds = ("grey", "BGR") if image.ndim == 2 else ("BGR", "grey")
+            raise ImageError(f"the image is {kinds[0]}, those before were {kinds[1]}; give all of a run in one of both")
         return self.comes_after(stamp_ns) and not self.is_frozen(image)
 
     def comes_after(self, stamp_ns: int) -> bool:

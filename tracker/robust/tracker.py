@@ -73,7 +73,8 @@ class RobustRun:
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate the pose of the next frame; `lost` also where the stamp goes back or the image is frozen.
 
-        ImageError for an image of another size or type, StampError for a stamp that is not in whole nanoseconds.
+        ImageError for an image of another size or type, or grey after coloured ones, StampError for a stamp that is not
+        in whole nanoseconds.
         """
         image, stamp_ns = self.masking.of(check_image(image, self.camera)), check_stamp(stamp_ns)
         clock = StageClock()
