@@ -1,12 +1,12 @@
 """What a slice of a search found comes first in the next one, and landmarks vouch for what is found near them."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, look_at, pose_error
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, look_at, pose_error
+from tests.tracker.third_frame import STEP_NS, third_frame
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.false_alarms import Chance
@@ -14,12 +14,11 @@ from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.places.places import Recalled
 from uavbench.tracker.robust.relocalization.ranking import Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
-from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 CONFIG = RobustConfig()
-RANGE_M, STEP_NS, STEP_S, LEARNED = 2.0, 66_666_667, 0.067, 4
+RANGE_M, STEP_S, LEARNED = 2.0, 0.067, 4
 WIDE = isotropic_covariance(0.2, RANGE_M)
 
 
@@ -73,13 +72,7 @@ def test_a_search_that_starts_anew_has_found_nothing():
 @pytest.fixture(scope="module")
 def tracked():
     """The run of a box, two frames old, the third frame, and its fit."""
-    flight = flown(3, seed=11)
-    run = Robust().start(box(), CAMERA, flight.poses[0], np.random.default_rng(0))
-    for k in range(2):
-        run.track(flight.images[k], k * STEP_NS)
-    frame = run.frames.prepared(flight.images[2], 2 * STEP_NS, None, StageClock())
-    fit = run.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, StageClock())
-    return SimpleNamespace(run=run, frame=frame, fit=fit)
+    return third_frame()
 
 
 @pytest.mark.parametrize("found_before", [False, True])

@@ -1,34 +1,24 @@
 """When a track of little support goes on: whether a pose is searched, and how near the prediction it has to be."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, box, flown
+from tests.tracker.third_frame import third_frame
 from uavbench.tracker.geometry_kernels import se3_exp_left
 from uavbench.tracker.robust.decision import SEARCH_EVERY, Decision
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.motion_model import PredictionErrors
 from uavbench.tracker.robust.relocalization.relocate import Relocalized
-from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
-
-STEP_NS = 66_666_667
 
 
 @pytest.fixture(scope="module")
 def tracked():
     """The run of a box, two frames old, and the fit of the third one."""
-    flight = flown(3, seed=11)
-    run = Robust().start(box(), CAMERA, flight.poses[0], np.random.default_rng(0))
-    for k in range(2):
-        run.track(flight.images[k], k * STEP_NS)
-    frame = run.frames.prepared(flight.images[2], 2 * STEP_NS, None, StageClock())
-    fit = run.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, StageClock())
-    return SimpleNamespace(run=run, frame=frame, fit=fit)
+    return third_frame()
 
 
 @pytest.mark.parametrize(
