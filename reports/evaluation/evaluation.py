@@ -66,9 +66,10 @@ def _shown(found: Consistency | None) -> str:
         return "no matched pose claims a covariance"
     mean = "none" if found.mean is None else f"{found.mean:.4g}"
     singular = f", {found.singular} singular" if found.singular else ""
+    independent = "" if found.effective is None else f", as {found.effective:.0f} independent"
     return (
-        f"mean {mean} ({DEGREES_OF_FREEDOM} expected, 95 % {found.low:.3g} .. {found.high:.3g} if errors are "
-        f"independent), {100 * found.inside:.1f} % inside, n {found.n}{singular}"
+        f"mean {mean} ({DEGREES_OF_FREEDOM} expected; 95 % {found.low:.3g} .. {found.high:.3g} of a consistent tracker "
+        f"whose errors last as long), {100 * found.inside:.1f} % inside, n {found.n}{independent}{singular}"
     )
 
 

@@ -5,21 +5,23 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv
 
+from uavbench.reports.uncertainty.whitened_errors import effective_poses, squares
 from uavbench.trajectories.pose import Array
 
 DEGREES_OF_FREEDOM = 6
 CENTRAL = (0.025, 0.975)
-SINGULAR = 1e-14
-"""Smallest eigenvalue of a correlation matrix (6, 6) that is clearly above round-off (6 x 2^-52)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Consistency:
     """NEES of the n frames with a regular covariance; singular: number of frames with a singular one.
 
-    mean: None when n is 0; low, high: 95 % interval of the mean of a consistent tracker with independent errors;
-    inside: share of the n + singular frames within the central 95 % of chi-square with 6 degrees of freedom;
-    sharpness_*: median standard deviation of position and of rotation.
+    mean: None when n is 0; effective: number of poses with independent errors that tell as much as these n
+    (`effective_poses`), None when n is 0 and in scores of earlier versions, whose interval took it for n; low, high:
+    95 % interval of the mean of a consistent tracker whose errors last as long: the mean times `effective` is then
+    about chi-square with 6 `effective` degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2); of a single
+    pose when n is 0; inside: share of the n + singular frames within the central 95 % of chi-square with 6 degrees of
+    freedom; sharpness_*: median standard deviation of position and of rotation.
     """
 
     n: int
@@ -30,6 +32,7 @@ class Consistency:
     sharpness_m: float
     sharpness_deg: float
     singular: int = 0
+    effective: float | None = None
 
 
 def chi_square_quantile(p: float, degrees: float) -> float:
@@ -37,15 +40,18 @@ def chi_square_quantile(p: float, degrees: float) -> float:
     return float(2.0 * gammaincinv(degrees / 2.0, p))
 
 
-def consistency_of(values: Array, variances: Array) -> Consistency | None:
-    """Summary of NEES (n,) as `nees` returns it, and of claimed variances (m, 6) in m^2 and rad^2; None without any."""
+def consistency_of(errors: Array, variances: Array) -> Consistency | None:
+    """Summary of whitened errors (n, 6), and of claimed variances (m, 6) in m^2 and rad^2; None without any error."""
+    values = squares(errors)
     values = values[~np.isnan(values)]
     singular = int(np.isinf(values).sum())
     values = values[np.isfinite(values)]
     n = len(values)
     if n + singular == 0:
         return None
-    low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM * max(n, 1)) / max(n, 1) for p in CENTRAL)
+    effective = effective_poses(errors) if n else None
+    poses = effective or 1.0
+    low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM * poses) / poses for p in CENTRAL)
     inner_low, inner_high = (chi_square_quantile(p, DEGREES_OF_FREEDOM) for p in CENTRAL)
     return Consistency(
         n=n,
@@ -56,6 +62,7 @@ def consistency_of(values: Array, variances: Array) -> Consistency | None:
         sharpness_m=_median_sigma(variances[:, :3]),
         sharpness_deg=float(np.degrees(_median_sigma(variances[:, 3:]))),
         singular=singular,
+        effective=effective,
     )
 
 

@@ -7,7 +7,8 @@ degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 
 import numpy as np
 
-from uavbench.reports.uncertainty.consistency import SINGULAR, Consistency, consistency_of
+from uavbench.reports.uncertainty.consistency import Consistency, consistency_of
+from uavbench.reports.uncertainty.whitened_errors import SINGULAR, squares, whitened
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
 from uavbench.trajectories.pose import Array, hat
@@ -15,20 +16,24 @@ from uavbench.trajectories.pose import Array, hat
 
 def nees(sequence: Sequence, results: Results) -> Array:
     """NEES (n,) of each row; NaN without a pose or covariance, infinite for a singular covariance."""
-    out = np.full(len(results), np.nan)
+    return squares(whitened_twists(sequence, results))
+
+
+def whitened_twists(sequence: Sequence, results: Results) -> Array:
+    """Whitened errors (n, 6) of each row, as `whitened_errors` defines them."""
+    out = np.full((len(results), 6), np.nan)
     for i, (frame, row) in enumerate(zip(results.frames.tolist(), results.rows, strict=True)):
         if row.cam_from_world is None or row.covariance is None:
             continue
         xi = (sequence.true_cam_from_world(frame) @ row.cam_from_world.inverse()).log()
-        value = np.inf if is_singular(row.covariance) else float(xi @ np.linalg.solve(row.covariance, xi))
-        out[i] = value if value >= 0 else np.inf
+        out[i] = whitened(xi[None], row.covariance[None])[0]
     return out
 
 
 def consistency(sequence: Sequence, results: Results) -> Consistency | None:
     """Summary of the NEES of a run; None when its tracker claims no covariance."""
     spreads = [np.diag(r.covariance) for r in results.rows if r.covariance is not None]
-    return consistency_of(nees(sequence, results), np.array(spreads))
+    return consistency_of(whitened_twists(sequence, results), np.array(spreads))
 
 
 def is_singular(covariance: Array) -> bool:

@@ -9,7 +9,8 @@ import numpy as np
 
 from uavbench.reports.metrics.association import PosePairs
 from uavbench.reports.metrics.quaternions import between, conjugate, multiply, rotate_back
-from uavbench.reports.uncertainty.consistency import SINGULAR, Consistency, consistency_of
+from uavbench.reports.uncertainty.consistency import Consistency, consistency_of
+from uavbench.reports.uncertainty.whitened_errors import squares, whitened
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory_files.covariances import PoseCovariances
 
@@ -22,24 +23,25 @@ def pose_nees(pairs: PosePairs, claimed: PoseCovariances) -> Array:
 
     claimed: covariances (n, 6, 6) of the estimates, in the order of the pairs.
     """
+    return squares(whitened_pose_errors(pairs, claimed))
+
+
+def whitened_pose_errors(pairs: PosePairs, claimed: PoseCovariances) -> Array:
+    """Whitened errors (n, 6) of n pairs in the order of time; NaN where the estimate has no covariance.
+
+    claimed: covariances (n, 6, 6) of the estimates, in the order of the pairs.
+    """
     errors = _twists(pairs) if claimed.axes == "moving" else _errors_in_world(pairs)
-    out = np.full(len(pairs), np.nan)
-    known = np.flatnonzero(np.isfinite(claimed.values).all(axis=(1, 2)))
-    P, e = claimed.values[known], errors[known]
-    spread = np.sqrt(np.maximum(np.einsum("nii->ni", P), 0.0))
-    scaled = P / np.where(spread > 0, spread, 1.0)[:, :, None] / np.where(spread > 0, spread, 1.0)[:, None, :]
-    regular = (spread > 0).all(axis=1) & (np.linalg.eigvalsh(scaled)[:, 0] > SINGULAR)
-    out[known] = np.inf
-    kept = known[regular]
-    solved = np.linalg.solve(P[regular], e[regular, :, None])[..., 0]
-    out[kept] = np.einsum("ni,ni->n", e[regular], solved)
+    out = np.full(errors.shape, np.nan)
+    known = np.isfinite(claimed.values).all(axis=(1, 2))
+    out[known] = whitened(errors[known], claimed.values[known])
     return out
 
 
 def pose_consistency(pairs: PosePairs, claimed: PoseCovariances) -> Consistency | None:
     """Summary of the NEES of pairs; None when no pair has a covariance."""
     variances = np.einsum("nii->ni", claimed.values)
-    return consistency_of(pose_nees(pairs, claimed), variances[np.isfinite(variances).all(axis=1)])
+    return consistency_of(whitened_pose_errors(pairs, claimed), variances[np.isfinite(variances).all(axis=1)])
 
 
 def _errors_in_world(pairs: PosePairs) -> Array:

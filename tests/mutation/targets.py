@@ -27,6 +27,12 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/uncertainty/nees.py", "reports/test_uncertainty"),
         _target("reports/uncertainty/consistency.py", "reports/test_uncertainty", "reports/test_pose_nees"),
         _target("reports/uncertainty/pose_nees.py", "reports/test_pose_nees"),
+        _target(
+            "reports/uncertainty/whitened_errors.py",
+            "reports/test_whitened_errors",
+            "reports/test_uncertainty",
+            "reports/test_pose_nees",
+        ),
         _target("reports/metrics/straight_line.py", "reports/test_straight_line"),
         *(_target(f"reports/many_runs/{name}.py", "reports/test_many_runs") for name in ("groups", "curves")),
         _target("reports/metrics/model_space.py", "reports/test_model_space"),

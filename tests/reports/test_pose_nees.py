@@ -212,7 +212,9 @@ def test_the_command_prints_it(tmp_path: Path) -> None:
     write_covariant(tmp_path / "e.tum", honest(P), P)
     write_tum(truth(), tmp_path / "r.tum")
     done = CliRunner().invoke(main, ["evaluate", str(tmp_path / "r.tum"), str(tmp_path / "e.tum"), "--align", "se3"])
-    assert done.exit_code == 0 and "NEES, aligned" in done.output and "% inside, n 400" in done.output
+    assert (
+        done.exit_code == 0 and "NEES, aligned" in done.output and "% inside, n 400, as 400 independent" in done.output
+    )
     assert evaluate(truth(), truth(), Options(align="se3")).nees is None
 
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from tests.reports.drawn import results_of, true_rows
 from uavbench.reports.uncertainty.consistency import Consistency, chi_square_quantile, consistency_of
 from uavbench.reports.uncertainty.nees import component_sigmas, consistency, euler_zyx, is_singular, nees
+from uavbench.reports.uncertainty.whitened_errors import squares
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
@@ -63,8 +64,8 @@ def test_the_bounds_of_the_mean_are_those_of_the_tables(sequence: Sequence) -> N
     assert one.sharpness_m == pytest.approx(np.sqrt(0.06))
     assert one.sharpness_deg == pytest.approx(np.degrees(0.03))
     assert one.inside == 0.0
-    two = consistency(sequence, claims(sequence, np.array([unit, unit]), [P, P]))
-    assert two is not None
+    two = consistency(sequence, claims(sequence, np.array([unit, -unit]), [P, P]))
+    assert two is not None and two.effective == 2
     assert (two.low, two.high) == pytest.approx((4.404 / 2, 23.337 / 2), abs=1e-3)
 
 
@@ -137,19 +138,29 @@ def test_what_is_singular_does_not_depend_on_units(unit: float) -> None:
         assert is_singular(scale @ P @ scale) is singular
 
 
+def of_nees(*values: float) -> Array:
+    """Whitened errors (n, 6) of these squares to the last digit: the second component has what the first one lacks."""
+    first = np.sqrt(values) * (1 - 1e-9)
+    with np.errstate(invalid="ignore"):
+        rest = np.nan_to_num(np.sqrt(np.array(values) - first**2))
+    errors = np.column_stack([first, rest, np.zeros((len(values), 4))])
+    np.testing.assert_array_equal(squares(errors), values)
+    return errors
+
+
 def test_the_summary_counts_singular_claims_and_both_quantiles_in() -> None:
     low, high = (chi_square_quantile(p, 6) for p in (0.025, 0.975))
     variances = np.ones((4, 6))
-    found = consistency_of(np.array([low, high, np.inf, np.nan, high * 1.0001]), variances)
+    found = consistency_of(of_nees(low, high, np.inf, np.nan, high * 1.0001), variances)
     assert found is not None
     assert (found.n, found.singular, found.inside) == (3, 1, 2 / 4)
     assert found.mean == pytest.approx((low + 2.0001 * high) / 3)
-    one = consistency_of(np.array([5.0, np.inf]), variances)
+    one = consistency_of(of_nees(5.0, np.inf), variances)
     assert one is not None and (one.n, one.singular, one.inside) == (1, 1, 0.5)
-    none = consistency_of(np.array([np.inf, np.inf]), variances)
+    none = consistency_of(of_nees(np.inf, np.inf), variances)
     assert none is not None and (none.n, none.singular, none.mean, none.inside) == (0, 2, None, 0.0)
-    assert (none.low, none.high) == pytest.approx((low, high))
-    assert consistency_of(np.array([np.nan]), variances) is None
+    assert none.effective is None and (none.low, none.high) == pytest.approx((low, high))
+    assert consistency_of(of_nees(np.nan), variances) is None
     assert Consistency(n=1, mean=1.0, low=0.0, high=2.0, inside=1.0, sharpness_m=1.0, sharpness_deg=1.0).singular == 0
 
 
