@@ -11,7 +11,8 @@ INDENT = re.compile(rb"^[ \t]+", re.MULTILINE)
 TAB = re.compile(rb"^([a-z]+)[ \t]*\t[ \t]*", re.MULTILINE)
 REMARK = re.compile(rb"^((?:v|vt|vn|f) [^#\n]*)#[^\n]*", re.MULTILINE)
 FROM_THE_LAST = re.compile(rb"\nf [^\n#]*-")
-FROM_ZERO = re.compile(rb"^f [^\n]*?(?<=[ \t])[+-]?0+(?![0-9.])[^\n]*", re.MULTILINE)
+FROM_ZERO = re.compile(rb"f (?<![^\n]f )(?:[ \t]*+(?![+-]?0++(?![0-9.]))[^ \t\n]++)*+[ \t]*+[^ \t\n]")
+"""A face up to a corner whose vertex is 0: by whole words, and found by its letter, since a file has many faces."""
 COUNTED = {b"v ": 0, b"vt": 1, b"vn": 2}
 """Beginnings of the lines that the numbers of a corner count, by their place in `vertex/texture/normal`."""
 

@@ -5,8 +5,8 @@ from collections.abc import Container
 
 from uavbench.trajectories.errors import UserError
 
-COORDINATE = re.compile(rb"^vt[ \t]", re.MULTILINE)
-MATERIAL = re.compile(rb"^usemtl[ \t]+([^\n]*)", re.MULTILINE)
+COORDINATE = re.compile(rb"vt(?<![^\n]vt)[ \t]")  # a search for `^vt` stops at each character of a file
+MATERIAL = re.compile(rb"usemtl(?<![^\n]usemtl)[ \t]+([^\n]*)")
 PLACED = re.compile(rb"^f [^\n]*?\d/\d", re.MULTILINE)
 BARE = re.compile(rb"^f (?:[^\n]*?[ \t])??\d+(?:/?(?=[ \t\n])|/?\Z|//)", re.MULTILINE)
 """A face with a corner that names no texture coordinate, as `4`, `4/` or `4//2`."""
@@ -19,14 +19,21 @@ def check_texture_places(data: bytes, textured: Container[str]) -> None:
     left: their texture has no place.
     """
     count = len(COORDINATE.findall(data))
-    beyond = re.compile(rb"^f(?=[ \t])[^\n]*?[ \t]\d+/0*(?:" + _greater(count) + rb")(?=[/ \t\n]|\Z)", re.MULTILINE)
-    starts = [(found.end(), found[1]) for found in MATERIAL.finditer(data)]
-    ends = [*(found.start() for found in MATERIAL.finditer(data)), len(data)][1:]
+    greater = rb"0*+(?:" + _greater(count) + rb")(?!\d)"
+    beyond = re.compile(rb"^f(?=[ \t])[^\n]*?[ \t]\d+/" + greater, re.MULTILINE)
+    corner = rb"\d++/(?!" + greater + rb")\d++(?:/\d*+)?+(?!\S)"
+    unlike = re.compile(rb"f (?<![^\n]f )(?!(?:[ \t]*+" + corner + rb")++[ \t]*+$)", re.MULTILINE)
+    uses = list(MATERIAL.finditer(data))
+    ends = [*(found.start() for found in uses), len(data)][1:]
     bare: dict[str, int] = {}
     placed: set[str] = set()
-    for (start, name), end in zip(starts, ends, strict=True):
-        material = " ".join(name.decode("utf-8", "replace").split())
+    for use, end in zip(uses, ends, strict=True):
+        start, material = use.end(), " ".join(use[1].decode("utf-8", "replace").split())
         if material not in textured:
+            continue
+        if not unlike.search(data, start, end):  # all its faces have their places: one fast search tells
+            if PLACED.search(data, start, end):
+                placed.add(material)
             continue
         if found := beyond.search(data, start, end):
             raise UserError(
@@ -37,7 +44,7 @@ def check_texture_places(data: bytes, textured: Container[str]) -> None:
             bare.setdefault(material, _line(data, found))
         if PLACED.search(data, start, end):
             placed.add(material)
-    for material in placed & bare.keys():
+    for material in [name for name in bare if name in placed]:
         raise UserError(
             f"line {bare[material]}: a face has no texture coordinates, and others of its material {material} "
             "have; unwrap it, or give it a material without texture"
