@@ -90,3 +90,19 @@ def test_a_long_line_beside_a_continued_one_is_read_at_once(tmp_path: Path) -> N
     """The time is proportional to its length, not to the square."""
     text = continued(TWO) + "# " + "x" * 1_000_000 + "\n"
     assert len(structure(tmp_path / "long.obj", text).edges) == 36
+
+
+@pytest.mark.parametrize("forms", [("{0}/1", "{0}"), ("{0}//1", "{0}"), ("{0}/1/1", "{0}/1")])
+def test_faces_of_many_corners_are_those_of_a_file_with_one_form(tmp_path: Path, forms: tuple[str, str]) -> None:
+    """Six corners had been taken for the three of `1/1 2/1 3/1`, and twelve numbers for quads with all three."""
+    angles = np.arange(6) * np.pi / 3
+    points = [(np.cos(a), np.sin(a), z) for z in (0.0, 1.0) for a in angles]
+    sides = [[k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6] for k in range(6)]
+    sides = [half for a, b, c, d in sides for half in ((a, b, c), (a, c, d))] if "/1/1" not in forms[0] else sides
+    faces = [(side, forms[0]) for side in sides] + [([5, 4, 3, 2, 1, 0], forms[1]), ([6, 7, 8, 9, 10, 11], forms[1])]
+    lines = [f"v {x} {y} {z}" for x, y, z in points] + ["vt 0 0", "vn 0 0 1"]
+    mixed = [*lines, *("f " + " ".join(form.format(k + 1) for k in face) for face, form in faces)]
+    plain = [*lines, *("f " + " ".join(str(k + 1) for k in face) for face, _ in faces)]
+    found, expected = (structure(tmp_path / f"{len(text)}.obj", "\n".join(text)) for text in (mixed, ["", *plain]))
+    assert len(found.edges) == len(expected.edges) == 18
+    np.testing.assert_allclose(*(np.unique(each.vertices.round(9), axis=0) for each in (found, expected)))
