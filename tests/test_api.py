@@ -465,21 +465,32 @@ def both_times(start_ns=1_403_636_580_838_555_574):
     return table.assign(time_s=stamps_ns / 1e9, stamp_ns=stamps_ns)
 
 
+def test_the_invalid_row_of_a_tracked_table_is_that_of_the_table():
+    table = both_times().drop(columns="time_s").assign(status=["lost", "lost", *["ok"] * 38])
+    table.loc[7, "qw"] = 9.0
+    with pytest.raises(ub.UserError, match="the estimate: row 7: quaternion"):
+        ub.evaluate(both_times(), table)
+
+
 @pytest.mark.parametrize("tracked", [False, True])
 def test_stamps_and_times_of_one_table_must_agree(tracked, tmp_path):
     """stamp_ns had counted without a word."""
     table = both_times().assign(**{"status": ["lost", *["ok"] * 39]} if tracked else {})
     wrong = table.assign(time_s=table["time_s"].where(table.index != 7, table["time_s"] + 0.01))
-    row, line = (6, 9) if tracked else (7, 9)
-    with pytest.raises(ub.UserError, match=rf"row {row}: stamp_ns 1403636581538555574 and time_s .* differ; leave out"):
+    with pytest.raises(ub.UserError, match=r"row 7: stamp_ns 1403636581538555574 and time_s .* differ; leave out"):
         ub.evaluate(both_times(), wrong)
     wrong.to_csv(tmp_path / "wrong.csv", index=False)
-    with pytest.raises(ub.UserError, match=rf"wrong.csv: line {line}: stamp_ns 1403636581538555574 and time_s .* diff"):
+    with pytest.raises(ub.UserError, match=r"wrong.csv: line 9: stamp_ns 1403636581538555574 and time_s .* diff"):
         ub.evaluate(both_times(), tmp_path / "wrong.csv")
     with pytest.raises(ub.UserError, match="time_s nan differ"):
         ub.evaluate(both_times(), table.assign(time_s=np.nan))
     table.to_csv(tmp_path / "right.csv", index=False)
-    for right in (table, table.round({"time_s": 4}), table.assign(time_s=np.arange(40) / 10 - 0.1 * tracked)):
+    first, counted = 0.1 * tracked, np.arange(40) / 10
+    one = table.assign(time_s=np.where(table.index == 7, 9.0, counted))
+    with pytest.raises(ub.UserError, match="row 7: stamp_ns 1403636581538555574 and time_s 9 differ"):
+        ub.evaluate(both_times(), one)
+    in_ms = table.assign(time_s=np.floor(table["time_s"] * 1e3) / 1e3)
+    for right in (table, in_ms, table.assign(time_s=counted), table.assign(time_s=counted - first)):
         right.to_csv(tmp_path / "right.csv", index=False)
         for given in (right, tmp_path / "right.csv"):
             found = ub.evaluate(table, given)

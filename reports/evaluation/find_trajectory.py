@@ -42,8 +42,8 @@ BAGS = ("bag.mcap", "bag")
 """Names of the bag in an export to MCAP or rosbag2."""
 EXPORT = "export.json"
 """Description of an export; it declares the frame for formats that cannot."""
-ROUNDING_S = 1e-4
-"""Most by which a time in s may differ from its stamp in ns: TUM's own files have four decimals."""
+ROUNDING_S = 1e-3
+"""Most by which a time in s may differ from its stamp in ns: many programs write milliseconds, or cut them off."""
 LEVELS = 4
 """Number of parent folders of a file that are searched for export.json."""
 
@@ -181,15 +181,17 @@ def _of_table(path: Path) -> Found:
     return Found(trajectory, path, "uavbench", "world_from_cam", covariances=claimed, asked_ns=stamps)
 
 
-def check_seconds(stamps_ns: NDArray[np.int64], time_s: Array) -> None:
+def check_seconds(stamps_ns: NDArray[np.int64], time_s: Array, used: NDArray[np.bool_]) -> None:
     """InvalidRowError where times (n,) in s are not those of the stamps (n,) in ns, nor counted from the first of them.
 
-    Times may be rounded, by ROUNDING_S and to 64 bits.
+    used: the rows (n,) with a pose, which alone are compared. Times may be counted from the first of these, too, and
+    rounded, by ROUNDING_S and to 64 bits.
     """
     seconds = np.asarray(stamps_ns, dtype=np.float64) / 1e9
-    far = [~(np.abs(time_s - (seconds - zero)) <= ROUNDING_S + np.spacing(seconds)) for zero in (0.0, seconds[0])]
-    if all(bad.any() for bad in far):
-        row = int(np.argmax(far[0]))
+    zeros = (0.0, seconds[0], seconds[np.argmax(used)])
+    far = [used & ~(np.abs(time_s - (seconds - zero)) <= ROUNDING_S + np.spacing(seconds)) for zero in zeros]
+    if (fewest := min(far, key=np.count_nonzero)).any():
+        row = int(np.argmax(fewest))
         raise InvalidRowError(
             row, f"stamp_ns {stamps_ns[row]} and time_s {time_s[row]:.9g} differ; leave out the column that is wrong"
         )
@@ -200,10 +202,9 @@ def _check_file_seconds(path: Path, stamps_ns: NDArray[np.int64], used: NDArray[
     if "time_s" not in columns:
         return
     try:
-        check_seconds(stamps_ns[used], read_numbers(path, ["time_s"])[used, 0])
+        check_seconds(stamps_ns, read_numbers(path, ["time_s"])[:, 0], used)
     except InvalidRowError as error:
-        row = int(np.flatnonzero(used)[error.row])
-        raise UserError(f"{path}: line {line_of_row(path, row)}: {error.what}") from None
+        raise UserError(f"{path}: line {line_of_row(path, error.row)}: {error.what}") from None
 
 
 def world_from_cameras(stamps_ns: NDArray[np.int64], cameras: Array) -> Trajectory:

@@ -15,7 +15,7 @@ from uavbench.reports.evaluation.find_trajectory import (
 )
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory import InvalidRowError, Trajectory
 from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
 
 if TYPE_CHECKING:
@@ -80,19 +80,24 @@ def _of_table(table: Any, name: Path) -> Found:
         have = f"it has {', '.join(map(str, table.columns))}" if len(table) else "it has no rows"
         raise ValueError(f"a DataFrame of poses has the columns {WANTED}; {have}")
     tracked = "status" in table.columns
-    rows = table[table["status"] == "ok"] if tracked else table
+    used = (table["status"] == "ok").to_numpy(dtype=bool) if tracked else np.ones(len(table), dtype=bool)
+    rows = table[used]
     if not len(rows):
         raise ValueError("holds no pose: no row has the status ok")
     values = rows[POSE].to_numpy(dtype=np.float64)
     stamps_ns = _stamps_ns(rows, stamp)
     if stamp == "stamp_ns" and "time_s" in table.columns:
-        check_seconds(stamps_ns, _seconds(rows))
+        check_seconds(_stamps_ns(table, stamp), _seconds(table), used)
     if not tracked:
         return Found(Trajectory(stamps_ns, values[:, :3], values[:, 3:]), name, "DataFrame", None)
     claimed = None
     if all(column in table.columns for column in COLUMNS):
         claimed = PoseCovariances.of_columns(rows[COLUMNS].to_numpy(dtype=np.float64), "moving")
-    found = Found(world_from_cameras(stamps_ns, values), name, "DataFrame", "world_from_cam", covariances=claimed)
+    try:
+        trajectory = world_from_cameras(stamps_ns, values)
+    except InvalidRowError as error:
+        raise InvalidRowError(int(np.flatnonzero(used)[error.row]), error.what) from None
+    found = Found(trajectory, name, "DataFrame", "world_from_cam", covariances=claimed)
     return replace(found, asked_ns=_stamps_ns(table, stamp))
 
 
