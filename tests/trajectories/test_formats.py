@@ -90,11 +90,20 @@ def test_a_frame_is_declared_in_any_spelling(comment: str, tmp_path: Path) -> No
     assert declared_frame(tmp_path / "T_World_From_Body.tum") == "world_from_body"
 
 
-@pytest.mark.parametrize("frame", ["", "body", "world_to_cam", "T_WC", "world_from_cam, world_from_body", "x" * 500])
+@pytest.mark.parametrize(
+    "frame", ["body", "Camera", "world_to_cam", "T_WC", "world_from_cam, world_from_body", "to " + "x" * 500]
+)
 def test_a_declared_frame_that_is_none_is_told(frame: str, tmp_path: Path) -> None:
     (tmp_path / "t.tum").write_text(f"# frame: {frame}\n0 0 0 0 0 0 0 1\n")
     with pytest.raises(UserError, match=rf"t.tum: its comment declares the frame '{frame[:40]}', .* write `# frame: "):
         declared_frame(tmp_path / "t.tum")
+
+
+@pytest.mark.parametrize("frame", ["", "map", "/odom", "ENU", "0", "WGS84 (EPSG:4326)", "bodytotal"])
+def test_a_fixed_frame_alone_is_no_declaration(frame: str, tmp_path: Path) -> None:
+    """Files of other programs had been refused for it."""
+    (tmp_path / "t.tum").write_text(f"# frame: {frame}\n0 0 0 0 0 0 0 1\n")
+    assert declared_frame(tmp_path / "t.tum") is None
 
 
 @pytest.mark.parametrize("comment", ["# frames: 12", "# reference frame: map", "# time frame x", "#timestamp [ns], x"])

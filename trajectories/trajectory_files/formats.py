@@ -45,6 +45,8 @@ COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
 """Values per line whose pose is followed by its covariance: the upper triangle by rows, or the full matrix."""
 FRAME_COMMENT = re.compile(r"^[ \t]*#[# \t]*frame[ \t]*[:=][ \t]*([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 FRAME = re.compile(r"([a-z]\w*?)[-_ \t]+from[-_ \t]+([a-z]\w*)", re.IGNORECASE)
+MEANT = re.compile(r"(?<![a-z])(?:from|to|body|cam|camera|T)(?![a-z])", re.IGNORECASE)
+"""A word by which a comment says of what the poses are; without one, as in `# frame: map`, it tells a fixed frame."""
 FRAME_NAME = re.compile(r"(?<![a-z])world_from_(?:body|cam)(?![a-z])", re.IGNORECASE)
 
 
@@ -89,9 +91,10 @@ def guess_format(path: Path) -> str:
 def declared_frame(path: Path) -> str | None:
     """Frame that a trajectory file declares, such as `world_from_body`, in its first comments or its name.
 
-    None if it declares none; UserError when comment and name differ, and for a comment that names no two frames.
+    None if it declares none, as a comment of other programs that names the fixed frame alone; UserError when comment
+    and name differ, and for a comment that tells of what the poses are in words that are not read.
     """
-    said = [_frame_of(path, text) for text in FRAME_COMMENT.findall(comments(path))]
+    said = [_frame_of(path, text) for text in FRAME_COMMENT.findall(comments(path)) if MEANT.search(text)]
     named = [name.lower() for name in FRAME_NAME.findall(path.name)]
     found = list(dict.fromkeys([*said, *named]))
     if len(found) > 1:
