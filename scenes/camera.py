@@ -194,10 +194,19 @@ class Camera:
 
     def before_fold(self, points_cam_m: Array) -> NDArray[np.bool_]:
         """Which points (n, 3) in the camera frame, z > 0, are seen at their pixels: none beyond a fold of the lens."""
+        if self.distortion_model == "equidistant":  # OpenCV undistorts none farther than 90 degrees times f
+            angle = np.arctan2(np.hypot(points_cam_m[:, 0], points_cam_m[:, 1]), points_cam_m[:, 2])
+            return np.asarray(angle < self._fold_rad())
         straight = self.without_distortion.project(points_cam_m)
         with np.errstate(invalid="ignore"):
             off_px = np.abs(self.undistort(self.project(points_cam_m)) - straight).max(axis=1, initial=0.0)
         return np.asarray(off_px < FOLDED_PX)
+
+    def _fold_rad(self) -> float:
+        """Angle from the optical axis at which the radius in the image of an equidistant lens ends to grow, or inf."""
+        odd = (9.0, 7.0, 5.0, 3.0)
+        squares = np.roots([*(n * k for n, k in zip(odd, self.distortion[::-1], strict=True)), 1.0])
+        return float(np.sqrt(squares[(squares.imag == 0) & (squares.real > 0)].real.min(initial=np.inf)))
 
     def rays(self, pixels: Array) -> Array:
         """Rays (n, 3) in the camera frame, z = 1, through pixels (n, 2) of this camera."""

@@ -54,3 +54,24 @@ def test_the_page_of_pick_draws_no_edges_beyond_the_fold(tmp_path: Path) -> None
     lines = picking.solve([{"corner": int(k), "image_px": pixels[k].tolist()} for k in at])["lines"]
     reach = np.abs(np.concatenate(lines) - pixels[at].mean(axis=0)).max()
     assert reach < 60.0  # of the near box alone
+
+
+@pytest.mark.parametrize(
+    ("distortion", "fold_deg"),
+    [
+        ((1 / 12, 1 / 120, 17 / 20160, 31 / 362880), np.inf),  # stereographic: farther out than 90 degrees times f
+        ((0.0, 0.0, 0.0, 0.0), np.inf),
+        ((-0.25, 0.0, 0.0, 0.0), np.degrees((3 * 0.25) ** -0.5)),
+        ((0.1, -0.1, 0.0, 0.0), np.degrees(np.sqrt(0.3 + np.sqrt(0.09 + 2.0)))),
+    ],
+)
+def test_a_fisheye_shows_all_angles_up_to_its_fold(distortion: tuple[float, ...], fold_deg: float) -> None:
+    """By where its polynomial ends to grow; edges beyond 77 degrees of a stereographic lens had been left out."""
+    camera = Camera(640, 480, 160.0, 160.0, 320.0, 240.0, "equidistant", distortion)
+    angle = np.radians(np.arange(60.0, 89.0, 0.5))
+    points = np.column_stack([np.tan(angle), 0.0 * angle, np.ones(len(angle))])
+    assert camera.before_fold(points).tolist() == (np.degrees(angle) < fold_deg).tolist()
+    if np.isfinite(fold_deg):
+        return
+    (line,) = lines_in_image(camera.without_distortion.project(points[[0, -1]])[None], camera)
+    assert line[-1] == pytest.approx(camera.project(points[-1:])[0], abs=1e-6)
