@@ -16,6 +16,8 @@ MOST_FLAT = 50_000
 """Triangles without area for which T-junctions are closed, in a few seconds; a scan may have more, and no edges."""
 MOST_SPLITS = 8
 """Splits for each flat triangle: one is the rule, a chain of them on a side takes some."""
+MOST_SIDES = 50
+"""Sides of surfaces in an edge up to which those that go on are found, which takes the square; more is no surface."""
 WELD_M = 1e-6
 """Vertices closer than this are merged, metres."""
 
@@ -227,7 +229,7 @@ def _triangle_edges(triangles: Indices, normals: Array) -> tuple[Indices, Indice
     two_sided = ~_is_first(np.concatenate([_turned(triangles[:, ::-1]), _turned(triangles)]))[len(triangles) :]
     if two_sided.any():
         sides, of_two = np.bincount(start), np.bincount(start, two_sided[owner])
-        for first in np.flatnonzero((sides > 2) & (of_two == sides)):
+        for first in np.flatnonzero((sides > 2) & (sides <= MOST_SIDES) & (of_two == sides)):
             of_edge = np.arange(first, first + sides[first])
             owner[of_edge] = _by_sides(owner[of_edge].tolist(), upward[of_edge].tolist(), normals)
     even = (np.arange(len(half)) - start) % 2 == 0

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from uavbench.scenes import structure as scenes_structure
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import load_model
@@ -62,3 +63,20 @@ def test_trackers_get_no_diagonals_of_a_file_with_both_sides(tmp_path: Path) -> 
     (tmp_path / "two.obj").write_text("\n".join(lines) + "\n")
     lengths = np.linalg.norm(np.diff(load_model(tmp_path / "two.obj").edge_segments, axis=1), axis=2)
     assert set(np.round(lengths.ravel(), 6)) == {1.0, 2.0, 4.0}
+
+
+@pytest.mark.parametrize(("leaves", "compared"), [(25, True), (26, False)])
+def test_leaves_of_one_edge_are_compared_up_to_a_number(
+    leaves: int, compared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 4,000 leaves, each with each takes seconds, and of more of them hours."""
+    angles = 2 * np.pi * np.arange(leaves) / leaves
+    tips = np.column_stack([np.cos(angles), np.sin(angles), np.full(leaves, 0.5)])
+    triangles = np.column_stack([np.zeros(leaves), np.ones(leaves), 2 + np.arange(leaves)]).astype(np.intp)
+    asked: list[int] = []
+    by_sides = scenes_structure._by_sides
+    monkeypatch.setattr(scenes_structure, "_by_sides", lambda *sides: asked.append(len(sides[0])) or by_sides(*sides))
+    vertices = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], *tips.tolist()])
+    found = Structure.from_mesh(vertices, both_sides(triangles, in_turn=False))
+    assert asked == [2 * leaves] * compared
+    assert len(found.vertices) == leaves + 2 and len(found.edges) > leaves
