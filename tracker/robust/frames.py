@@ -75,7 +75,9 @@ class Frames:
         """
         if self.seen_rows is not None and self.seen_rows.ndim != image.ndim:
             kinds = ("grey", "BGR") if image.ndim == 2 else ("BGR", "grey")
-            raise ImageError(f"the image is {kinds[0]}, those before were {kinds[1]}; give all of a run in one of both")
+            raise ImageError(
+                f"the image is {kinds[0]}, those before were {kinds[1]}; give all of a run in grey, or all in BGR"
+            )
         return self.comes_after(stamp_ns) and not self.is_frozen(image)
 
     def comes_after(self, stamp_ns: int) -> bool:
