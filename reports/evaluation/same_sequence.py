@@ -5,12 +5,12 @@ The stamps of all sequences begin at 0, so that the poses of one pair with the g
 
 import re
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.intact import refuse_damaged
 
 OURS = re.compile(r"(groundtruth|flight|frames)\.csv|(estimate|groundtruth)_world_from_(body|cam)\.tum")
 """Names of the files with poses in the folder of a sequence or of results."""
@@ -42,13 +42,19 @@ def doubts_of_sequence(reference: Path, estimate: Path) -> Iterator[str]:
 
 
 def sequence_of(file: Path) -> OfSequence | None:
-    """The sequence that a file of uavbench is of; None for other files, and where no record names it."""
+    """The sequence that a file of uavbench is of; None for other files, and where no record names it.
+
+    UserError for a record of ours that was changed since; files of others beside it tell nothing.
+    """
     if not OURS.fullmatch(file.name):
         return None
     for record in (file.with_name("sequence.json"), file.with_name("record.json")):
-        with suppress(UserError):
+        try:
             about = read_json(record)
-            of = about.get("sequence") if record.name == "record.json" else about
-            if isinstance(of, dict) and of.get("name") and of.get("content_hash"):
-                return OfSequence(str(of["name"]), str(of["content_hash"]), record)
+        except UserError:
+            refuse_damaged(record)
+            continue
+        of = about.get("sequence") if record.name == "record.json" else about
+        if isinstance(of, dict) and of.get("name") and of.get("content_hash"):
+            return OfSequence(str(of["name"]), str(of["content_hash"]), record)
     return None
