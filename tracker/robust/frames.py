@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from uavbench.tracker.protocol import Image, ImageError
+from uavbench.tracker.protocol import Image, ImageError, StampOrder
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
@@ -63,7 +63,7 @@ class Frames:
     def __init__(self, fitter: EdgeFitter, state: TrackState, config: RobustConfig) -> None:
         self.fitter, self.state, self.config = fitter, state, config
         self.stretch = ContrastStretch()
-        self.seen_ns: int | None = None
+        self.order = StampOrder()
         self.seen_rows: Image | None = None
         self.ok_rows: Image | None = None
         self.step_s = 0.0
@@ -82,10 +82,9 @@ class Frames:
 
     def comes_after(self, stamp_ns: int) -> bool:
         """Whether a frame is later than all previous ones; stores its stamp."""
-        later = self.seen_ns is None or stamp_ns > self.seen_ns
-        self.step_s = 0.0 if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
-        self.seen_ns = stamp_ns if later else self.seen_ns
-        return later
+        latest_ns = self.order.latest_ns
+        self.step_s = 0.0 if latest_ns is None else (stamp_ns - latest_ns) * 1e-9
+        return self.order.is_later(stamp_ns)
 
     def is_frozen(self, image: Image) -> bool:
         """Whether a frame is identical to the previous one; stores some of its rows."""
