@@ -20,7 +20,7 @@ class RigidMotion(NamedTuple):
     t: Array
 
 
-@inlined
+@inlined(allocates=False)
 def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, row: Array) -> None:
     """Motion in px along the image normal (nx, ny) per unit of a twist of the camera, into row (6,)."""
     a, b = x / z, y / z
@@ -50,7 +50,7 @@ class SharesInside(NamedTuple):
     end: float
 
 
-@inlined
+@inlined(allocates=False)
 def clip_segment(a: Array, b: Array, planes: Array) -> SharesInside:
     """Shares of the segment a-b at which its part inside all planes (k, 4) starts and ends; start >= end: none.
 
@@ -77,7 +77,7 @@ class RotationTerms(NamedTuple):
     cubic: float
 
 
-@compiled("f0", inner=True)
+@compiled("f0", inner=True, allocates=False)
 def rodrigues(angle2: float) -> RotationTerms:
     """The terms sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3 of a squared angle a^2."""
     angle = math.sqrt(angle2)
@@ -165,6 +165,15 @@ def se3_log_left(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
 def solve6(A: Array, b: Array, x: Array) -> bool:
     """Solve A x = b for a symmetric positive definite A (6, 6) by Cholesky; False if A is not positive definite."""
     L = np.empty((6, 6))
+    if not factor6(A, L):
+        return False
+    substitute6(L, b, x)
+    return True
+
+
+@compiled("f2 f2!", inner=True, allocates=False)
+def factor6(A: Array, L: Array) -> bool:
+    """Lower Cholesky factor L (6, 6) of a matrix A, which may be L itself; False if A is not positive definite."""
     for i in range(6):
         for j in range(i + 1):
             s = A[i, j]
@@ -176,6 +185,12 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
                 L[i, i] = math.sqrt(s)
             else:
                 L[i, j] = s / L[j, j]
+    return True
+
+
+@compiled("f2 f1 f1!", inner=True, allocates=False)
+def substitute6(L: Array, b: Array, x: Array) -> None:
+    """Solve L L' x = b with a lower triangular L (6, 6)."""
     for i in range(6):
         s = b[i]
         for k in range(i):
@@ -186,10 +201,9 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
         for k in range(i + 1, 6):
             s -= L[k, i] * x[k]
         x[i] = s / L[i, i]
-    return True
 
 
-@compiled("f2 f2!", inner=True)
+@compiled("f2 f2!", inner=True, allocates=False)
 def cholesky(S: Array, L: Array) -> bool:
     """Lower factor L of a symmetric matrix S, which may be L itself; False when it is not positive."""
     n = S.shape[0]
@@ -226,7 +240,7 @@ def solved(L: Array, B: Array) -> Array:
     return X
 
 
-@compiled("f2! f2!", inner=True)
+@compiled("f2! f2!", inner=True, allocates=False)
 def eliminate(M: Array, N: Array) -> None:
     """Replace N (6, k) by M^-1 N, by Gauss-Jordan elimination with partial pivoting; M (6, 6) is overwritten."""
     k = N.shape[1]
@@ -272,13 +286,14 @@ def squared_mahalanobis(R: Array, t: Array, R_to: Array, t_to: Array, covariance
 @compiled("f2")
 def inverse6(A: Array) -> Array:
     """Inverse of a symmetric positive definite matrix (6, 6); NaN if it is not positive definite."""
-    out, unit, column = np.empty((6, 6)), np.zeros(6), np.zeros(6)
+    out, L, unit, column = np.empty((6, 6)), np.empty((6, 6)), np.zeros(6), np.zeros(6)
+    if not factor6(A, L):
+        out[:] = math.nan
+        return out
     for j in range(6):
         unit[:] = 0.0
         unit[j] = 1.0
-        if not solve6(A, unit, column):
-            out[:] = math.nan
-            return out
+        substitute6(L, unit, column)
         for i in range(6):
             out[i, j] = column[i]
     return 0.5 * (out + out.T)

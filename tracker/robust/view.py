@@ -10,7 +10,7 @@ from uavbench.scenes.camera import Camera, camera_array
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.visible_edges import near_depth, undistorted_bounds
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import ImagePoint, project
 from uavbench.trajectories.pose import Array, Pose
 
@@ -76,6 +76,7 @@ class View(NamedTuple):
 
 
 VIEW = named_tuple(View, "f2! f1! f1! f1! f1! f0 s2! f1!")
+IMAGE_POINT = named_tuple(ImagePoint, "f0 f0")
 
 
 def clearance(camera: Camera) -> NDArray[np.float32]:
@@ -85,24 +86,27 @@ def clearance(camera: Camera) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform(camera.unmasked.view(np.uint8), cv2.DIST_L2, 5), dtype=np.float32)
 
 
-@compiled("f0 f0 view", inner=True, view=VIEW)
+@inlined(allocates=False)
 def is_clear(u: float, v: float, view: View) -> bool:
     """Whether a pixel of the image is farther than CLEAR_PX from what is masked."""
     clear_px = view.clear_px
     return clear_px.size == 0 or clear_px[int(v + 0.5), int(u + 0.5)] > CLEAR_PX
 
 
-@compiled("f0 f0 f0 view", inner=True, view=VIEW)
+@inlined(allocates=False)
 def pixel_of(x: float, y: float, z: float, view: View) -> ImagePoint:
-    """Pixel of a point in the camera's frame at the middle row, z > 0, where the camera moves on from row to row.
+    """Pixel of a point in the camera's frame at the middle row, z > 0, where the camera moves on from row to row."""
+    at = project(x, y, z, view.lens)
+    return at if view.sweep.size == 0 else swept(x, y, z, at, view)
 
-    The row at which it would be seen without that tells when it is seen; a second row, of the pixel then, is within
-    the square of the sweep.
+
+@compiled("f0 f0 f0 pixel view", inner=True, allocates=False, pixel=IMAGE_POINT, view=VIEW)
+def swept(x: float, y: float, z: float, at: ImagePoint, view: View) -> ImagePoint:
+    """Pixel of a point that would be seen `at` one if the camera did not move.
+
+    The row there tells when it is seen; a second row, of the pixel then, is within the square of the sweep.
     """
-    at, sweep = project(x, y, z, view.lens), view.sweep
-    if sweep.size == 0:
-        return at
-    middle = 0.5 * (view.size_px[1] - 1.0)
+    sweep, middle = view.sweep, 0.5 * (view.size_px[1] - 1.0)
     for _ in range(2):
         rows = at.y - middle
         xs = x + rows * (sweep[0] + sweep[4] * z - sweep[5] * y)

@@ -146,13 +146,27 @@ def unchecked(kernel: F) -> F:
     return kernel.unchecked if isinstance(kernel, Kernel) else kernel
 
 
-def inlined(function: F) -> F:
+@overload
+def inlined(function: F) -> F: ...
+
+
+@overload
+def inlined(*, allocates: bool) -> Callable[[F], F]: ...
+
+
+def inlined(function: Any = None, *, allocates: bool = True) -> Any:
     """Decorator of a function that only kernels call and that is copied into them, whatever LLVM takes it to cost.
 
     For what is called for every pixel with tuples of arrays: each of their fields is an argument of a call, which take
-    longer than most such functions.
+    longer than most such functions. `allocates=False`: it makes and returns no arrays, and counts no references, as of
+    `compiled`; two counts for each array of each tuple take as long as the rest. Otherwise it does as its caller does.
     """
-    return _for_kernels(function, forceinline=True)
+    counts = {} if allocates else {"_nrt": False}
+
+    def decorate(each: F) -> F:
+        return _for_kernels(each, forceinline=True, **counts)
+
+    return decorate if function is None else decorate(function)
 
 
 def _for_kernels(function: F, **options: bool) -> F:

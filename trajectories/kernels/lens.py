@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ class ImagePoint(NamedTuple):
     y: float
 
 
-@compiled("f0 f0 f1", inner=True)
+@compiled("f0 f0 f1", inner=True, allocates=False)
 def distort(x: float, y: float, cam: Array) -> ImagePoint:
     """Distorted normalized coordinates (Brown-Conrady; Kannala & Brandt 2006)."""
     if cam[4] == 0.0:
@@ -43,8 +43,10 @@ def distort(x: float, y: float, cam: Array) -> ImagePoint:
     return ImagePoint(x * scale, y * scale)
 
 
-@compiled("f0 f0 f0 f1", inner=True)
+@inlined(allocates=False)
 def project(x: float, y: float, z: float, cam: Array) -> ImagePoint:
     """Pixel of a point in the camera frame, z > 0."""
-    u, v = distort(x / z, y / z, cam)
+    u, v = x / z, y / z
+    if cam[4] != 0.0:
+        u, v = distort(u, v, cam)
     return ImagePoint(cam[0] * u + cam[2], cam[1] * v + cam[3])

@@ -60,7 +60,7 @@ def sight_from(eye: Array) -> Sight:
     return Sight(eye, np.empty(3), np.empty(STACK, np.int64))
 
 
-@inlined
+@inlined(allocates=False)
 def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
     """A triangle that occludes a point (3,) of the edge between face_a and face_b, or NONE.
 
@@ -102,7 +102,7 @@ def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face
     return NONE
 
 
-@compiled("sight f1 triangles i0 i0", inner=True, sight=SIGHT, triangles=TRIANGLES)
+@compiled("sight f1 triangles i0 i0", inner=True, allocates=False, sight=SIGHT, triangles=TRIANGLES)
 def hidden(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
     """Whether a triangle occludes a point (3,) of the edge between face_a and face_b."""
     return occluder(sight, point, triangles, face_a, face_b, NONE) != NONE

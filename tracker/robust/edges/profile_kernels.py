@@ -48,7 +48,7 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f1 i0 f2!", inner=True)
+@compiled("u3 f1 i0 f2!", inner=True, allocates=False)
 def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
     """Colours (2 m + 1, 3) at steps of 1 px along a search line (4,), bilinear; False when it leaves the image.
 
@@ -80,7 +80,7 @@ def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
     return True
 
 
-@inlined
+@inlined(allocates=False)
 def linear_slope(colours: Array, k: int, w0: float, w1: float, w2: float, grey: bool) -> float:
     """Absolute slope at row k of a profile, by the two rows to either side; grey: all but its first column are 0.
 
@@ -96,7 +96,7 @@ def linear_slope(colours: Array, k: int, w0: float, w1: float, w2: float, grey: 
     return abs(total)
 
 
-@inlined
+@inlined(allocates=False)
 def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float, grey: bool) -> float:
     """Sub-pixel position of the maximum slope, in px from row k of a profile, by a parabola through three slopes."""
     before, here, after = (
@@ -226,13 +226,13 @@ def learn(
         appearance[r, TIMES_SEEN] += 1.0
 
 
-@compiled("f0 f0", inner=True)
+@compiled("f0 f0", inner=True, allocates=False)
 def first_square(step: float, weak_step: float) -> float:
     """Expected mean square residual in px^2 of an edge with a step in grey levels, before any observation."""
     return min(MOST_SQUARE_PX2, 0.01 + (weak_step / max(step, 1.0)) ** 2)
 
 
-@compiled("lines i1 f1 f2 f2! appearance", inner=True, lines=SEARCH_LINES, appearance=APPEARANCE)
+@compiled("lines i1 f1 f2 f2! appearance", inner=True, allocates=False, lines=SEARCH_LINES, appearance=APPEARANCE)
 def learn_squares(
     at: SearchLines, rows: Indices, residual: Array, covariance: Array, appearance: Array, config: AppearanceConfig
 ) -> None:

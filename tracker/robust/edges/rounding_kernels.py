@@ -73,7 +73,7 @@ def motion_by_radius(points: ControlPoints, edges: EdgeMap, view: View) -> Array
     return motion
 
 
-@compiled("points f2 f0", inner=True, points=CONTROL_POINTS)
+@compiled("points f2 f0", inner=True, allocates=False, points=CONTROL_POINTS)
 def move(points: ControlPoints, motion: Array, times: float) -> None:
     """Move control points by a multiple of a motion (n, 3), in place."""
     for p in range(len(motion)):

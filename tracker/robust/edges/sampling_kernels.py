@@ -121,7 +121,7 @@ def by_edge(points: Array, keys: Indices) -> ControlPoints:
     return ControlPoints(points, keys, rows, first[: e + 1].copy())
 
 
-@compiled("f0 f0 f0", inner=True)
+@compiled("f0 f0 f0", inner=True, allocates=False)
 def points_on(length_px: float, spacing_px: float, dense_px: float) -> float:
     """Number of points on an edge: one every spacing_px up to dense_px, from there on by the root of its length.
 
@@ -130,13 +130,13 @@ def points_on(length_px: float, spacing_px: float, dense_px: float) -> float:
     return sampled_length(length_px, dense_px) / spacing_px
 
 
-@compiled("f0 f0", inner=True)
+@compiled("f0 f0", inner=True, allocates=False)
 def sampled_length(length_px: float, dense_px: float) -> float:
     """Length of an edge that gets points at the usual spacing."""
     return length_px if length_px <= dense_px else math.sqrt(dense_px * length_px)
 
 
-@compiled("f1 f0 f0 f0 b0", inner=True)
+@compiled("f1 f0 f0 f0 b0", inner=True, allocates=False)
 def get_more_points(length: Array, spacing_px: float, dense_px: float, most: float, rounded: bool) -> bool:
     """Whether all edges get more than so many points; rounded: each gets a whole number of them."""
     total, whole = 0.0, 0

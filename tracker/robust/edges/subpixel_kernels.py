@@ -143,7 +143,7 @@ def refine_subpixel(
     return SubpixelEdges(distance, variance, together, by_response, moved, moved_lines)
 
 
-@inlined
+@inlined(allocates=False)
 def add_variances(variance: Array, own_px2: Array, misfit: Array, steps: Indices, first: Indices) -> None:
     """Add to variances (n,) those of the fits of an edge's located points, steps (n,) > 0 from first[0] to first[1].
 
@@ -196,7 +196,7 @@ def share_motion(points: Array, of: Indices, shares: Array, view: View, point: A
     )
 
 
-@inlined
+@inlined(allocates=False)
 def share_evenly(by_response: Array, steps: Indices, first: Indices, group: int) -> None:
     """Give all points of an edge that are located (n,) > 0 the mean of their derivatives (n, r), in place.
 
@@ -239,7 +239,7 @@ def extents_of_edges(at: SearchLines, first: Indices) -> Extents:
     return Extents(box, half_px)
 
 
-@inlined
+@inlined(allocates=False)
 def edges_near(extents: Extents, group: int, reach_px: float, others: Indices) -> int:
     """Number of the edges that `crowd` may find about a point of this one; they are written into others (g,).
 
@@ -256,7 +256,7 @@ def edges_near(extents: Extents, group: int, reach_px: float, others: Indices) -
     return count
 
 
-@inlined
+@inlined(allocates=False)
 def crowd(
     at: SearchLines, first: Indices, p: int, half_px: Array, others: Indices, reach_px: float, into: Crowd
 ) -> int:

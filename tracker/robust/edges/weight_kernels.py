@@ -42,7 +42,7 @@ PARALLEL_COSINE = 0.82
 Indices = NDArray[np.int64]
 
 
-@compiled("f2 i1 i0", inner=True)
+@compiled("f2 i1 i0", inner=True, allocates=False)
 def half_spacing(lines: Array, first: Indices, g: int) -> float:
     """Half the least distance in px between successive control points of an edge, 0 of a single one.
 

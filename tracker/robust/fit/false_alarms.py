@@ -62,7 +62,7 @@ class Found(NamedTuple):
 FOUND = named_tuple(Found, "i1! i1! i1! f1! f1! f1! f1! f0 f0")
 
 
-@compiled("found i0", inner=True, found=FOUND)
+@compiled("found i0", inner=True, allocates=False, found=FOUND)
 def likelihood_ratio(found: Found, p: int) -> float:
     """Ratio of the likelihoods of a control point's nearest candidate if its edge is there, and by chance."""
     candidates, r, half_px = found.candidates[p], abs(found.residual[p]), found.half_px
@@ -73,7 +73,7 @@ def likelihood_ratio(found: Found, p: int) -> float:
     return float(there * half_px / (candidates * (1.0 - r / half_px) ** (candidates - 1)))
 
 
-@compiled("i1! i0 i0", inner=True)
+@compiled("i1! i0 i0", inner=True, allocates=False)
 def parts_between(rows: Indices, first: int, last: int) -> int:
     """Number of parts that the points from row `first` up to `last` belong to."""
     parts = int(last > first)
@@ -171,7 +171,7 @@ def lines_of_edges(R: Array, t: Array, points: Array, first: Indices, apart_rad:
     return lines
 
 
-@compiled("f2 f1 f1 f0 f0", inner=True)
+@compiled("f2 f1 f1 f0 f0", inner=True, allocates=False)
 def is_on_line(ends: Array, start: Array, normal: Array, length: float, apart_rad: float) -> bool:
     """Whether both ends (2, 3) are seen near the line with a normal (3,), or, if that is a point, near its start."""
     for side in range(2):

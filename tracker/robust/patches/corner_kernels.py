@@ -30,7 +30,7 @@ class KeepOut(NamedTuple):
 KEEP_OUT = named_tuple(KeepOut, "f2! f0")
 
 
-@compiled("u3 i0 i0", inner=True)
+@compiled("u3 i0 i0", inner=True, allocates=False)
 def corner_strength(image: Image, x: int, y: int) -> float:
     """Smaller eigenvalue of the gradients' second moments over a patch, per texel (Shi & Tomasi 1994)."""
     channel = 1 if image.shape[2] > 1 else 0
@@ -90,7 +90,7 @@ def strong_pixels(image: Image, spots: Indices, edges: KeepOut, patches: KeepOut
     return out[:n].copy()
 
 
-@compiled("f0 f0 f2 i0 f0", inner=True)
+@compiled("f0 f0 f2 i0 f0", inner=True, allocates=False)
 def far_from(x: float, y: float, others: Array, count: int, distance: float) -> bool:
     """Whether a pixel is at least `distance` from the first `count` of others (k, 2)."""
     for k in range(count):

@@ -58,7 +58,7 @@ class Likeness(NamedTuple):
     scale: float
 
 
-@compiled("u3 warp f0 f0 f2!", inner=True, warp=WARP)
+@compiled("u3 warp f0 f0 f2!", inner=True, allocates=False, warp=WARP)
 def sample(image: Image, at: Warp, a: float, b: float, out: Array) -> None:
     """Grey values (n, m) at steps of a texel from texel (a, b) of a patch, its centre at HALF; NaN outside the image.
 
@@ -82,7 +82,7 @@ def sample(image: Image, at: Warp, a: float, b: float, out: Array) -> None:
             out[i, j] = (1 - below) * upper + below * lower
 
 
-@compiled("f2 i0 i0 f2 f0", inner=True)
+@compiled("f2 i0 i0 f2 f0", inner=True, allocates=False)
 def likeness(grey: Array, row: int, column: int, ref: Array, least_grey: float) -> Likeness:
     """Likeness to the texels `ref` of the SIDE x SIDE grey values from a row and column on, of at least a contrast."""
     total, squares, product = 0.0, 0.0, 0.0
@@ -242,7 +242,7 @@ def align(
     return PatchMatches(places, observed, score, variance)
 
 
-@compiled("u3 warp f0 f0 f2 f2! f0", inner=True, warp=WARP)
+@compiled("u3 warp f0 f0 f2 f2! f0", inner=True, allocates=False, warp=WARP)
 def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, least_grey: float) -> Shift:
     """The shift that aligns a patch with its reference `ref`, starting from (da, db); grey values there go to `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9

@@ -35,7 +35,7 @@ class MatchedPose(NamedTuple):
     cost: float
 
 
-@compiled("pose f1 f1 f1", inner=True, pose=RIGID_MOTION)
+@compiled("pose f1 f1 f1", inner=True, allocates=False, pose=RIGID_MOTION)
 def error_of(pose: RigidMotion, point: Array, seen: Array, limits: Array) -> float:
     """Squared error of a match in units of its limit; inf where it is nearer than its least depth: see `add_match`."""
     R, t, limit, least = pose.R, pose.t, limits[0], limits[1]
@@ -79,7 +79,7 @@ def solve_damped(A: Array, b: Array, x: Array) -> None:
         x[:] = np.nan
 
 
-@compiled("pose f2 f2 f1 f0", inner=True, pose=RIGID_MOTION)
+@compiled("pose f2 f2 f1 f0", inner=True, allocates=False, pose=RIGID_MOTION)
 def cost_of(pose: RigidMotion, points: Array, seen: Array, limits: Array, most: float) -> float:
     """Sum of the squared errors of matches in units of their limit, each at most 1; it ends above `most`."""
     cost, row = 0.0, 0

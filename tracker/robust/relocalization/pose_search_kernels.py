@@ -119,7 +119,7 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     return se3_exp_left(turned.R, turned.t, shift)
 
 
-@compiled("f2 f1 f1 f1 f1!", inner=True)
+@compiled("f2 f1 f1 f1 f1!", inner=True, allocates=False)
 def project_to(R: Array, t: Array, f: Array, point: Array, px: Array) -> None:
     """Write the pixel px (2,) of a point (3,) at a pose (R, t)."""
     z = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]
@@ -153,7 +153,7 @@ def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
     return focus
 
 
-@compiled("f0 f0", inner=True)
+@compiled("f0 f0", inner=True, allocates=False)
 def orientation(x: float, y: float) -> int:
     """Bin of the direction of a line along (x, y), of ORIENTATIONS over half a turn from the x axis on."""
     if y < 0.0 or (y == 0.0 and x < 0.0):
@@ -194,7 +194,7 @@ def image_points(seen: SeenEdges, R: Array, t: Array, camera: SmallCamera) -> Im
     return ImagePoints(places, n)
 
 
-@compiled("points u3 i0 i0 i0 i0", inner=True, points=IMAGE_POINTS)
+@compiled("points u3 i0 i0 i0 i0", inner=True, allocates=False, points=IMAGE_POINTS)
 def agreement(points: ImagePoints, distance: Distance, right: int, down: int, outside: int, needed: int) -> Agreement:
     """Agreement of points, shifted in px, with edge pixels; aborted when it cannot exceed `needed`.
 

@@ -59,7 +59,7 @@ class PatchError(NamedTuple):
     known: Known
 
 
-@compiled("f2! f1! f1 f0 f0", inner=True)
+@compiled("f2! f1! f1 f0 f0", inner=True, allocates=False)
 def add_outer(A: Array, v: Array, row: Array, vector: float, part: float) -> None:
     """Add part times row row^T to A (n, n) and part times vector times row to v (n,), in place."""
     for i in range(len(v)):
@@ -68,7 +68,7 @@ def add_outer(A: Array, v: Array, row: Array, vector: float, part: float) -> Non
             A[i, j] += part * row[i] * row[j]
 
 
-@compiled("state i0 i0 f0 kinds", inner=True, state=BIAS_STATE, kinds=KIND_SUMS)
+@compiled("state i0 i0 f0 kinds", inner=True, allocates=False, state=BIAS_STATE, kinds=KIND_SUMS)
 def add_to_kind(state: BiasState, e: int, k: int, times: float, kinds: KindSums) -> None:
     """Add `times` what an edge of the state says of row k of the kinds, in place."""
     prior, information = state.offset_prior[e], state.offset_information[e]

@@ -83,7 +83,7 @@ def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array
     return KindSums(shared, rows, vector)
 
 
-@inlined
+@inlined(allocates=False)
 def marginalize(H: Array, h: Array, row: Array, value: float, variance: float) -> None:
     """Marginalize an unknown of this value and variance from H (n, n), its lower half, and h (n,), in place.
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import solve6
+from uavbench.tracker.geometry_kernels import factor6, substitute6
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.solver.sum_kernels import add_row_of_pose
 from uavbench.trajectories.kernels.compiled import compiled, inlined
@@ -48,7 +48,7 @@ def drawable(measured: EdgeMeasurements) -> Drawable:
     return Drawable(counts, edge)
 
 
-@inlined
+@inlined(allocates=False)
 def add_drawn(measured: EdgeMeasurements, of: Drawable, draws: Array, outlier_px: float, A: Array, b: Array) -> None:
     """Add the candidates selected by `draws` (12,) to the normal equations (A, b), in place.
 
@@ -82,7 +82,7 @@ def add_drawn(measured: EdgeMeasurements, of: Drawable, draws: Array, outlier_px
             add_row_of_pose(A, b, J[q], near, information)
 
 
-@inlined
+@inlined(allocates=False)
 def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, outlier_px: float) -> float:
     """Cost of a twist x (6,): truncated squared distances of the control points, plus the prior; aborted at `most`.
 
@@ -128,8 +128,9 @@ def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, outlier_
                 for j in range(6):
                     A[i, j] = prior[i, j]
             add_drawn(measured, of, draws[h - 1], outlier_px, A, b)
-            if not solve6(A, b, x):
+            if not factor6(A, A):
                 continue
+            substitute6(A, b, x)
         cost = motion_cost(measured, x, prior, best_cost, outlier_px)
         if cost < best_cost:
             best_cost = cost

@@ -38,7 +38,7 @@ class Weighting(NamedTuple):
 WEIGHTING = named_tuple(Weighting, "f1! f1! f1! f1!")
 
 
-@inlined
+@inlined(allocates=False)
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
     """Add the equation row (n,) . x = d of weight w to the normal equations A (n, n), its lower half, and b (n,)."""
     for i in range(len(b)):
@@ -48,7 +48,7 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
-@inlined
+@inlined(allocates=False)
 def add_row_of_pose(A: Array, b: Array, row: Array, d: float, w: float) -> None:
     """As `add_row` of the 6 unknowns of a pose, the first of more, whose known number makes it take less time."""
     for i in range(6):
@@ -58,7 +58,7 @@ def add_row_of_pose(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
-@compiled("f2!", inner=True)
+@compiled("f2!", inner=True, allocates=False)
 def mirror(A: Array) -> None:
     """Copy the lower half of a matrix (n, n) to the upper one."""
     for i in range(len(A)):

@@ -26,7 +26,7 @@ class Optics(NamedTuple):
 OPTICS = named_tuple(Optics, "f2! f0")
 
 
-@inlined
+@inlined(allocates=False)
 def learned_light(row: Array, channels: int, light: Array, colour: Array) -> float:
     """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`."""
     colour[:] = 0.0

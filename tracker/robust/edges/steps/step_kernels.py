@@ -43,7 +43,7 @@ class Step(NamedTuple):
 NO_STEP = Step(np.inf, np.inf)
 
 
-@inlined
+@inlined(allocates=False)
 def solve(A: Array, x: Array) -> float:
     """Solve A y = x (n,) in place by A = L D L^T, and return x . y, NaN where A is not positive.
 
@@ -67,7 +67,7 @@ def solve(A: Array, x: Array) -> float:
     return product
 
 
-@inlined
+@inlined(allocates=False)
 def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> Step:
     """The step of a control point's edge around distance `start`, fitted together with those beside it.
 
@@ -129,7 +129,7 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     return Step(start + shift, noise * A[steps, steps])
 
 
-@inlined
+@inlined(allocates=False)
 def write_misfit(steps: int, n: int, shift: Step, sums: Sums) -> None:
     """Write what a fit leaves of the light of n pixels, summed up along the edge, into the misfit in `sums`.
 
@@ -153,7 +153,7 @@ def write_misfit(steps: int, n: int, shift: Step, sums: Sums) -> None:
         misfit[x] = per_light * total
 
 
-@inlined
+@inlined(allocates=False)
 def moved_by(row: int, steps: int, shift: float, sums: Sums) -> float:
     """What a unit of the term in a row of the products adds to the light, as the shift sees it, the heights eliminated.
 
@@ -171,7 +171,7 @@ def moved_by(row: int, steps: int, shift: float, sums: Sums) -> float:
     return moved
 
 
-@inlined
+@inlined(allocates=False)
 def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
     """As `fit_step` of one step, from the sums over n pixels, whose height must be more than `least`.
 

@@ -72,7 +72,7 @@ def room_for(steps: int, derivatives: int, beside: int) -> Sums:
     )
 
 
-@inlined
+@inlined(allocates=False)
 def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> int:
     """Number of pixels around a control point whose steps and light are summed up.
 
@@ -133,7 +133,7 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
     return pixels
 
 
-@inlined
+@inlined(allocates=False)
 def sum_tile(terms: Array, i: int, j: int, pixels: int, products: Array) -> None:
     """The products of all columns of blocks i and j of the terms, summed up in the order of so many pixels.
 
@@ -155,7 +155,7 @@ def sum_tile(terms: Array, i: int, j: int, pixels: int, products: Array) -> None
     products[r + 3, c], products[r + 3, c + 1], products[r + 3, c + 2], products[r + 3, c + 3] = p30, p31, p32, p33
 
 
-@inlined
+@inlined(allocates=False)
 def sum_half_tile(terms: Array, i: int, pixels: int, products: Array) -> None:
     """As `sum_tile` of a block with itself, of which only the lower half is summed up."""
     p00 = p10 = p11 = p20 = p21 = p22 = p30 = p31 = p32 = p33 = 0.0
