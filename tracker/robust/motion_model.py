@@ -121,4 +121,7 @@ class PredictionErrors:
 
 def isotropic_covariance(sigma: float, range_m: float) -> Array:
     """Covariance (6, 6) of a pose, m^2 and rad^2; sigma: standard deviation, relative to the range and in rad."""
-    return np.diag([(sigma * range_m) ** 2] * 3 + [sigma**2] * 3)
+    covariance = np.zeros((6, 6))
+    variances = covariance.reshape(36)
+    variances[TRANSLATION], variances[ROTATION] = (sigma * range_m) ** 2, sigma**2
+    return covariance

@@ -85,6 +85,8 @@ class TrackState:
 
         Landmarks tell where to look, and are nothing that the model's edges have in common with chance.
         """
+        if not landmarks:
+            return max(log10(HYPOTHESES), log10(SEARCHED_POSES))
         known = isotropic_covariance(self.config.relocalization.found_sigma, self.range_m)
         apart_px = self.config.solver.estimator.last_width_px
         near = [log10_poses_as_near(fit, Motion(pose, known), apart_px) for pose in landmarks]

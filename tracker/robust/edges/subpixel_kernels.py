@@ -6,30 +6,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import WeightConfig
-from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, NORMAL_U, NORMAL_V, OUTSIDE, U, V
+from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LINES, ControlPoints, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
+from uavbench.tracker.robust.edges.steps.crowd_kernels import (
+    LEAST_ALONG_PX,
+    Crowd,
+    Extents,
+    crowd,
+    edges_near,
+    extents_of_edges,
+)
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
-from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, REACH_PX, Strip, room_for
-from uavbench.tracker.robust.edges.weight_kernels import PARALLEL_COSINE, WEIGHTS, half_spacing
+from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, REACH_PX, Strip, Sums, room_for
+from uavbench.tracker.robust.edges.weight_kernels import WEIGHTS
 from uavbench.tracker.robust.view import VIEW, View, pixel_of
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
-LEAST_ALONG_PX, MOST_ALONG_PX = 2, 12
-"""Pixels of an edge to either side of a control point that belong to it: those of points 6 px apart do not overlap;
-farther away a curved or occluded edge is another one."""
-SAME_PX = 0.3
-"""Distance across below which two edges are one step."""
+MOST_ALONG_PX = 12
+"""Most pixels of an edge to either side of a control point that belong to it: farther away a curved or occluded edge is
+another one."""
 COARSE_LINES, FINE_LINES = 1, 4
 """Scan lines to either side of a control point, of a first fit and of one at its step: each is linear in the shift."""
 TINY = 1e-300
 """Least divisor, px^2."""
-BENT_PX = 8.0
-"""Most that the lens bends an edge: those farther from the line of their first point are not looked at."""
 
 
 class FittedPoints(NamedTuple):
@@ -60,11 +64,42 @@ class SubpixelEdges(NamedTuple):
     lines: Array
 
 
-class Crowd(NamedTuple):
-    """Edges that lie together: lines (k, 4), pixel and normal on the side of the first; points (k,), one of each."""
+class Seen(NamedTuple):
+    """Control points with their search lines, as fitted, and where their edges lie."""
 
-    lines: Array
-    points: Indices
+    at: SearchLines
+    points: ControlPoints
+    fitted: FittedPoints
+    extents: Extents
+
+
+class Looks(NamedTuple):
+    """An image, the appearance of the edges, and the optics; alone: these without the derivatives of the light."""
+
+    image: Image
+    appearance: Array
+    optics: Optics
+    alone: Optics
+
+
+class Room(NamedTuple):
+    """Arrays that locating an edge writes, made once: crowd and colour of a point, those of a coarse and of a fine fit,
+    and others (g,), rows of the edges that are near.
+    """
+
+    crowd: Crowd
+    coarse: Sums
+    fine: Sums
+    colour: Array
+    others: Indices
+
+
+class Found(NamedTuple):
+    """Edges located so far, the variance own_px2 (n,) of each fit and its misfit (n, ACROSS): see `add_variances`."""
+
+    edges: SubpixelEdges
+    own_px2: Array
+    misfit: Array
 
 
 FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1! view", view=VIEW)
@@ -94,53 +129,78 @@ def refine_subpixel(
     leaves. If no step can be fitted, distance and variance are those of `fitted`, with an infinite distance where the
     weight is 0.
     """
-    lines, side, rows, first = at.lines, at.side, points.rows, points.first
-    residual, weights = fitted.residual, fitted.weight
-    distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
-    together = np.zeros(len(lines), np.int64)
-    distance[:] = np.inf
-    own_px2, misfit = np.zeros(len(lines)), np.zeros((len(lines), ACROSS))
-    numbers = len(optics.light) - 1
-    by_response, alone = np.zeros((len(lines), numbers)), Optics(optics.light[:1], optics.blur_px)
-    coarse, reach_px = Strip(LEAST_ALONG_PX, COARSE_LINES, alone), REACH_PX + CLEAR_WIDTHS * optics.blur_px
-    colour, sums = np.empty(3), room_for(MOST_STEPS, numbers, FINE_LINES)
-    moved, moved_lines = points.points.copy(), lines.copy()
-    crowded = Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64))
-    of_light = room_for(MOST_STEPS, 0, COARSE_LINES)
-    extents, others = extents_of_edges(at, first), np.empty(len(first) - 1, np.int64)
+    lines, first, n, numbers = at.lines, points.first, len(at.lines), len(optics.light) - 1
+    found = Found(
+        SubpixelEdges(
+            np.full((n, 1), np.inf),
+            fitted.variance_px2.copy(),
+            np.zeros(n, np.int64),
+            np.zeros((n, numbers)),
+            points.points.copy(),
+            lines.copy(),
+        ),
+        np.zeros(n),
+        np.zeros((n, ACROSS)),
+    )
+    seen = Seen(at, points, fitted, extents_of_edges(at, first))
+    looks = Looks(image, appearance, optics, Optics(optics.light[:1], optics.blur_px))
+    room = Room(
+        Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64)),
+        room_for(MOST_STEPS, 0, COARSE_LINES),
+        room_for(MOST_STEPS, numbers, FINE_LINES),
+        np.empty(3),
+        np.empty(len(first) - 1, np.int64),
+    )
     for g in range(len(first) - 1):
-        crowding = others[: edges_near(extents, g, reach_px, others)]
-        start, total = 0.0, 0.0
-        for p in range(first[g], first[g + 1]):
-            if weights[p] > 0.0:
-                start, total = start + weights[p] * residual[p], total + weights[p]
-        start /= max(total, 1e-12)
-        along = min(MOST_ALONG_PX, max(LEAST_ALONG_PX, int(extents.half_px[g]) - 1))
-        for p in range(first[g], first[g + 1]):
-            if not weights[p] > 0.0:
-                continue
-            distance[p, 0] = residual[p]
-            if side[p] == OUTSIDE or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
-                continue
-            steps = crowd(at, first, p, extents.half_px, crowding, reach_px, crowded)
-            if steps == 0:
-                continue
-            edges = crowded.lines[:steps]
-            near = fit_step(image, edges, start, coarse, colour, of_light)
-            if not abs(near.distance - start) < MAX_SHIFT_PX:
-                continue
-            found = fit_step(image, edges, near.distance, Strip(along, FINE_LINES, optics), colour, sums)
-            if abs(found.distance - start) < MAX_SHIFT_PX:
-                distance[p, 0], together[p] = found.distance, steps
-                variance[p] = (1.0 - config.shared_part) * appearance[rows[p], MEAN_SQUARE]
-                own_px2[p], misfit[p] = found.variance_px2, sums.misfit
-                by_response[p] = sums.by_response
-                if steps > 1:
-                    shares = sums.shares[:steps]
-                    share_motion(points.points, crowded.points, shares, fitted.at, moved[p], moved_lines[p])
-        add_variances(variance, own_px2, misfit, together, first[g : g + 2])
-        share_evenly(by_response, together, first, g)
-    return SubpixelEdges(distance, variance, together, by_response, moved, moved_lines)
+        locate_edge(looks, seen, g, 1.0 - config.shared_part, room, found)
+    return found.edges
+
+
+@inlined(allocates=False)
+def locate_edge(looks: Looks, seen: Seen, g: int, own_part: float, room: Room, found: Found) -> None:
+    """Locate the control points of an edge of a fit between the pixels, in place.
+
+    own_part: part of the learned mean square of a point's distance that is its own, and not its edge's.
+    """
+    at, points, edges, optics = seen.at, seen.points, found.edges, looks.optics
+    first, rows, weights, residual = points.first, points.rows, seen.fitted.weight, seen.fitted.residual
+    half_px, colour, reach_px = seen.extents.half_px, room.colour, REACH_PX + CLEAR_WIDTHS * optics.blur_px
+    others = room.others[: edges_near(seen.extents, g, reach_px, room.others)]
+    start, total = 0.0, 0.0
+    for p in range(first[g], first[g + 1]):
+        if weights[p] > 0.0:
+            start, total = start + weights[p] * residual[p], total + weights[p]
+    start /= max(total, 1e-12)
+    along = min(MOST_ALONG_PX, max(LEAST_ALONG_PX, int(half_px[g]) - 1))
+    coarse, fine = Strip(LEAST_ALONG_PX, COARSE_LINES, looks.alone), Strip(along, FINE_LINES, optics)
+    for p in range(first[g], first[g + 1]):
+        if not weights[p] > 0.0:
+            continue
+        edges.distance[p, 0] = residual[p]
+        row = looks.appearance[rows[p]]
+        if at.side[p] == OUTSIDE or not learned_light(row, looks.image.shape[2], optics.light, colour) > 0.0:
+            continue
+        steps = crowd(at, first, p, half_px, others, reach_px, room.crowd)
+        if steps == 0:
+            continue
+        together = room.crowd.lines[:steps]
+        near = fit_step(looks.image, together, start, coarse, colour, room.coarse)
+        if not abs(near.distance - start) < MAX_SHIFT_PX:
+            continue
+        step = fit_step(looks.image, together, near.distance, fine, colour, room.fine)
+        if abs(step.distance - start) < MAX_SHIFT_PX:
+            edges.distance[p, 0], edges.steps[p] = step.distance, steps
+            edges.variance_px2[p] = own_part * row[MEAN_SQUARE]
+            found.own_px2[p] = step.variance_px2
+            for x in range(ACROSS):
+                found.misfit[p, x] = room.fine.misfit[x]
+            for r in range(edges.by_response.shape[1]):
+                edges.by_response[p, r] = room.fine.by_response[r]
+            if steps > 1:
+                shares, of = room.fine.shares[:steps], room.crowd.points
+                share_motion(points.points, of, shares, seen.fitted.at, edges.points[p], edges.lines[p])
+    add_variances(edges.variance_px2, found.own_px2, found.misfit, edges.steps, first[g : g + 2])
+    share_evenly(edges.by_response, edges.steps, first, g)
 
 
 @inlined(allocates=False)
@@ -169,7 +229,7 @@ def add_variances(variance: Array, own_px2: Array, misfit: Array, steps: Indices
             variance[p] += own_px2[p] * (1.0 + alike * excess / max(own, TINY))
 
 
-@inlined
+@inlined(allocates=False)
 def share_motion(points: Array, of: Indices, shares: Array, view: View, point: Array, line: Array) -> None:
     """Write the point (3,) that moves in the image as the mean by shares (k,) of k points, and its pixel into line.
 
@@ -177,16 +237,15 @@ def share_motion(points: Array, of: Indices, shares: Array, view: View, point: A
     its own. So is its motion across the axis, and nearly so along it, as the points are within a few pixels. Shares
     below 0 count as 0: those are of heights that are hardly told apart.
     """
-    R, t, depth = view.R, view.t, 0.0
-    mean = np.zeros(3)
+    R, t, depth, mean_x, mean_y, mean_z = view.R, view.t, 0.0, 0.0, 0.0, 0.0
     for k in range(len(shares)):
         x, y, z = points[of[k], 0], points[of[k], 1], points[of[k], 2]
         per_depth = max(0.0, shares[k]) / (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2])
         depth += per_depth
-        mean[0], mean[1], mean[2] = mean[0] + per_depth * x, mean[1] + per_depth * y, mean[2] + per_depth * z
+        mean_x, mean_y, mean_z = mean_x + per_depth * x, mean_y + per_depth * y, mean_z + per_depth * z
     if not depth > 0.0:
         return
-    x, y, z = mean[0] / depth, mean[1] / depth, mean[2] / depth
+    x, y, z = mean_x / depth, mean_y / depth, mean_z / depth
     point[0], point[1], point[2] = x, y, z
     line[U], line[V] = pixel_of(
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0],
@@ -211,94 +270,3 @@ def share_evenly(by_response: Array, steps: Indices, first: Indices, group: int)
         for p in range(first[group], first[group + 1]):
             if steps[p] > 0:
                 by_response[p, r] = total / max(count, 1)
-
-
-class Extents(NamedTuple):
-    """Where edges lie: box (g, 4) of their points within the image, least u and v, then the largest ones, px.
-
-    half_px (g,): see `half_spacing`.
-    """
-
-    box: Array
-    half_px: Array
-
-
-@compiled("lines i1", inner=True, lines=SEARCH_LINES)
-def extents_of_edges(at: SearchLines, first: Indices) -> Extents:
-    """Extents of the edges in view; a box without points is empty."""
-    lines, side, edges = at.lines, at.side, len(first) - 1
-    box, half_px = np.empty((edges, 4)), np.empty(edges)
-    for g in range(edges):
-        half_px[g] = half_spacing(lines, first, g)
-        low_u, low_v, high_u, high_v = np.inf, np.inf, -np.inf, -np.inf
-        for p in range(first[g], first[g + 1]):
-            if side[p] != OUTSIDE:
-                low_u, low_v = min(low_u, lines[p, U]), min(low_v, lines[p, V])
-                high_u, high_v = max(high_u, lines[p, U]), max(high_v, lines[p, V])
-        box[g, 0], box[g, 1], box[g, 2], box[g, 3] = low_u, low_v, high_u, high_v
-    return Extents(box, half_px)
-
-
-@inlined(allocates=False)
-def edges_near(extents: Extents, group: int, reach_px: float, others: Indices) -> int:
-    """Number of the edges that `crowd` may find about a point of this one; they are written into others (g,).
-
-    Only saves time: those left out are farther away than an edge of a crowd may be.
-    """
-    box, count = extents.box, 0
-    low_u, low_v, high_u, high_v = box[group, 0], box[group, 1], box[group, 2], box[group, 3]
-    for g in range(len(box)):
-        far_px = reach_px + max(LEAST_ALONG_PX, extents.half_px[g]) + 2.0  # 1 px more than a crowd reaches
-        apart_u, apart_v = max(box[g, 0] - high_u, low_u - box[g, 2]), max(box[g, 1] - high_v, low_v - box[g, 3])
-        if g != group and apart_u <= far_px and apart_v <= far_px:
-            others[count] = g
-            count += 1
-    return count
-
-
-@inlined(allocates=False)
-def crowd(
-    at: SearchLines, first: Indices, p: int, half_px: Array, others: Indices, reach_px: float, into: Crowd
-) -> int:
-    """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
-
-    others: edges that are near, half_px (g,): see `Extents`. Their lines, pixel and normal on the side of the point's
-    own, and a point of each are written into `into`. An edge is represented by its control point nearest to p, and ends
-    half a spacing from its last one.
-    """
-    lines, side, edges, count = at.lines, at.side, into.lines, 1
-    into.points[0] = p
-    u, v, nu, nv = lines[p, U], lines[p, V], lines[p, NORMAL_U], lines[p, NORMAL_V]
-    edges[0, U], edges[0, V], edges[0, NORMAL_U], edges[0, NORMAL_V] = u, v, nu, nv
-    for g in others:
-        q = first[g]
-        across = (lines[q, U] - u) * lines[q, NORMAL_U] + (lines[q, V] - v) * lines[q, NORMAL_V]
-        if abs(across) > BENT_PX + reach_px:
-            continue
-        nearest, least = -1, np.inf
-        for q in range(first[g], first[g + 1]):
-            du, dv = lines[q, U] - u, lines[q, V] - v
-            if side[q] != OUTSIDE and du * du + dv * dv < least:
-                nearest, least = q, du * du + dv * dv
-        if nearest < 0:
-            continue
-        mu, mv = lines[nearest, NORMAL_U], lines[nearest, NORMAL_V]
-        cosine = nu * mu + nv * mv
-        du, dv = lines[nearest, U] - u, lines[nearest, V] - v
-        if abs(cosine) < PARALLEL_COSINE or abs(du * mu + dv * mv) > reach_px:
-            continue
-        if abs(dv * mu - du * mv) > max(LEAST_ALONG_PX, half_px[g]) + 1.0:
-            continue
-        seen = False
-        for k in range(count):
-            seen |= abs((lines[nearest, U] - edges[k, U]) * mu + (lines[nearest, V] - edges[k, V]) * mv) < SAME_PX
-        if seen:
-            continue
-        if count == MOST_STEPS:
-            return 0
-        sign = 1.0 if cosine > 0.0 else -1.0
-        edges[count, U], edges[count, V] = lines[nearest, U], lines[nearest, V]
-        edges[count, NORMAL_U], edges[count, NORMAL_V] = sign * mu, sign * mv
-        into.points[count] = nearest
-        count += 1
-    return count

@@ -54,12 +54,11 @@ from uavbench.tracker.robust.fit.stage_kernels import (
 )
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
-from uavbench.tracker.robust.solver.bias_state import EdgeOffsets
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
-from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
+from uavbench.tracker.robust.solver.solve_kernels import refined_pose
 from uavbench.tracker.robust.view import AT_ONCE, View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
@@ -238,8 +237,9 @@ class EdgeFitter:
         with clock.stage("texture"):
             matches = self.texture.align(problem.image, view)
             if np.count_nonzero(matches.correlation > 0) >= MIN_POINTS:
-                estimate = self.solve(problem, NO_MEASUREMENTS, matches, NO_EDGES, view, widths.coarse)
-                return Aligned(view.to(estimate.R, estimate.t), matches)
+                given = NO_MEASUREMENTS, matches, self.biases.seen_with(NO_EDGES), problem.prior
+                pose = unchecked(refined_pose)(*given, view, widths.coarse, self.values.estimator)
+                return Aligned(view.to(pose.R, pose.t), matches)
         if not len(problem.points.points):
             return Aligned(view, matches)
         with clock.stage("search"):
@@ -283,22 +283,9 @@ class EdgeFitter:
     def solve_anew(
         self, problem: Problem, measured: EdgeMeasurements, matches: PatchMatches, view: View, widths_px: Array
     ) -> Solved:
-        """As `solve`, with the offsets of the edges in view by the measurements."""
+        """M-estimation over edges and patches, from a view on, with the offsets of the edges by the measurements."""
         given = Fitted(measured, matches, self.biases.seen_with(NO_EDGES), problem.prior, NO_WEIGHTING)
         return unchecked(solve_anew)(given, problem.edges, widths_px, view, self.appearance, self.values)
-
-    def solve(
-        self,
-        problem: Problem,
-        measured: EdgeMeasurements,
-        matches: PatchMatches,
-        edges: EdgeOffsets,
-        view: View,
-        widths_px: Array,
-    ) -> Estimate:
-        """M-estimation over edge measurements and patch matches, starting from a view."""
-        biases = self.biases.seen_with(edges)
-        return unchecked(refine)(measured, matches, biases, problem.prior, view, widths_px, self.values.estimator)
 
     def sample(self, view: View) -> ControlPoints:
         """Visible control points in a view."""

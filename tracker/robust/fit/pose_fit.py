@@ -132,7 +132,8 @@ class Fit:
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
         pose = self.cam_from_world
-        return all(bool(np.isfinite(each).all()) for each in (pose.rotation, pose.translation, self.covariance))
+        numbers = (each.ravel().tolist() for each in (pose.rotation, pose.translation, self.covariance))
+        return all(all(map(math.isfinite, each)) for each in numbers)  # of so few, a third of numpy's time
 
     @property
     def covariance_of_told(self) -> Array:

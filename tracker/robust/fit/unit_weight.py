@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.solver.bias_state import BiasState
@@ -29,7 +31,7 @@ class UnitWeight:
     def learn(self, fit: Fit, state: BiasState) -> None:
         """Update with the fit of an accepted frame; nothing is learned from one without edges between the pixels."""
         used = fit.residuals
-        if used is None or not used.steps.any():
+        if used is None or not np.count_nonzero(used.steps):
             return
         response, first = used.step.to_numbers, used.points.first
         seen = unchecked(edge_spread)(used.sums, used.edges, state, first, used.steps, response, fit.covariance)

@@ -43,13 +43,16 @@ class Patches(NamedTuple):
 
 
 class Warp(NamedTuple):
-    """A patch at a pose: pixel (u, v) of its centre, step A (2, 2) in px of a texel along either axis, and whether its
-    area is similar to that at its creation.
+    """A patch at a pose: pixel (u, v) of its centre, steps in px of a texel to the right and down, x before y, and
+    whether its area is similar to that at its creation.
     """
 
     u: float
     v: float
-    A: Array
+    x_right: float
+    x_down: float
+    y_right: float
+    y_down: float
     alike: bool
 
 
@@ -78,5 +81,5 @@ class PatchMatches(NamedTuple):
 
 
 PATCHES = named_tuple(Patches, "f2! f3! f3! i1! i1! i1! f1!")
-WARP = named_tuple(Warp, "f0 f0 f2! b0")
+WARP = named_tuple(Warp, "f0 f0 f0 f0 f0 f0 b0")
 PATCH_MATCHES = named_tuple(PatchMatches, "f2! f2! f1! f1!")

@@ -1,6 +1,5 @@
 """Compiled texture tracking: small patches on known planes, matched by image alignment (Baker & Matthews 2004)."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.config.patches import AlignmentConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles, hidden, sight_from
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.patches.likeness_kernels import Likeness, likeness, sample
 from uavbench.tracker.robust.patches.matches import (
     HALF,
     PATCHES,
@@ -22,8 +22,8 @@ from uavbench.tracker.robust.patches.matches import (
     Warp,
 )
 from uavbench.tracker.robust.view import VIEW, View, is_clear, pixel_of
-from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.kernels.lens import project
+from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.kernels.lens import ImagePoint, project
 from uavbench.trajectories.pose import Array
 
 BORDER_PX = HALF + 2
@@ -47,76 +47,31 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-class Likeness(NamedTuple):
-    """Correlation of grey values with the texels of a patch, their mean, and the scale that gives them norm 1.
-
-    Correlation -1 and scale 0 where they are not all in the image, or have less than the required contrast.
-    """
-
-    correlation: float
-    mean: float
-    scale: float
-
-
-@compiled("u3 warp f0 f0 f2!", inner=True, allocates=False, warp=WARP)
-def sample(image: Image, at: Warp, a: float, b: float, out: Array) -> None:
-    """Grey values (n, m) at steps of a texel from texel (a, b) of a patch, its centre at HALF; NaN outside the image.
-
-    Uses the second channel of a colour image.
-    """
-    (h, w, channels), (n, m) = image.shape, out.shape
-    channel = 1 if channels > 1 else 0
-    x_right, x_down, y_right, y_down = at.A[0, 0], at.A[0, 1], at.A[1, 0], at.A[1, 1]
-    u0 = at.u + x_right * (a - HALF) + x_down * (b - HALF)
-    v0 = at.v + y_right * (a - HALF) + y_down * (b - HALF)
-    for i in range(n):
-        for j in range(m):
-            x, y = u0 + x_right * j + x_down * i, v0 + y_right * j + y_down * i
-            if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
-                out[i, j] = math.nan
-                continue
-            r, c = int(y), int(x)
-            below, right = y - r, x - c
-            upper = (1 - right) * image[r, c, channel] + right * image[r, c + 1, channel]
-            lower = (1 - right) * image[r + 1, c, channel] + right * image[r + 1, c + 1, channel]
-            out[i, j] = (1 - below) * upper + below * lower
-
-
-@compiled("f2 i0 i0 f2 f0", inner=True, allocates=False)
-def likeness(grey: Array, row: int, column: int, ref: Array, least_grey: float) -> Likeness:
-    """Likeness to the texels `ref` of the SIDE x SIDE grey values from a row and column on, of at least a contrast."""
-    total, squares, product = 0.0, 0.0, 0.0
-    for i in range(SIDE):
-        for j in range(SIDE):
-            value = grey[row + i, column + j]
-            total, squares, product = total + value, squares + value * value, product + value * ref[i, j]
-    mean = total / (SIDE * SIDE)
-    power = squares - total * mean
-    if not power >= least_grey * least_grey * SIDE * SIDE:
-        return Likeness(-1.0, mean, 0.0)
-    scale = 1.0 / math.sqrt(power)
-    return Likeness(product * scale, mean, scale)
-
-
-@compiled("f1 f2 view alignment", inner=True, view=VIEW, alignment=ALIGNMENT)
+@compiled("f1 f2 view alignment", inner=True, allocates=False, view=VIEW, alignment=ALIGNMENT)
 def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> Warp:
     """Warp of a patch with its centre (3,) and texel steps (2, 3) into a view; zeros if it is too close."""
     R, t = view.R, view.t
-    A = np.zeros((2, 2))
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
     y = R[1, 0] * middle[0] + R[1, 1] * middle[1] + R[1, 2] * middle[2] + t[1]
     z = R[2, 0] * middle[0] + R[2, 1] * middle[1] + R[2, 2] * middle[2] + t[2]
     if z < view.near:
-        return Warp(0.0, 0.0, A, False)
+        return Warp(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
     u, v = pixel_of(x, y, z, view)
-    for k in range(2):
-        xk = x + R[0, 0] * axes[k, 0] + R[0, 1] * axes[k, 1] + R[0, 2] * axes[k, 2]
-        yk = y + R[1, 0] * axes[k, 0] + R[1, 1] * axes[k, 1] + R[1, 2] * axes[k, 2]
-        zk = z + R[2, 0] * axes[k, 0] + R[2, 1] * axes[k, 1] + R[2, 2] * axes[k, 2]
-        u1, v1 = pixel_of(xk, yk, max(zk, view.near), view)
-        A[0, k], A[1, k] = u1 - u, v1 - v
-    area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-    return Warp(u, v, A, 1.0 < area * config.max_area_change < config.max_area_change * config.max_area_change)
+    right, down = texel(axes, 0, x, y, z, view), texel(axes, 1, x, y, z, view)
+    x_right, x_down, y_right, y_down = right.x - u, down.x - u, right.y - v, down.y - v
+    area = x_right * y_down - x_down * y_right
+    alike = 1.0 < area * config.max_area_change < config.max_area_change * config.max_area_change
+    return Warp(u, v, x_right, x_down, y_right, y_down, alike)
+
+
+@inlined(allocates=False)
+def texel(axes: Array, k: int, x: float, y: float, z: float, view: View) -> ImagePoint:
+    """Pixel of the texel next to the centre (x, y, z) of a patch, in the frame of the camera, along one of its axes."""
+    R = view.R
+    xk = x + R[0, 0] * axes[k, 0] + R[0, 1] * axes[k, 1] + R[0, 2] * axes[k, 2]
+    yk = y + R[1, 0] * axes[k, 0] + R[1, 1] * axes[k, 1] + R[1, 2] * axes[k, 2]
+    zk = z + R[2, 0] * axes[k, 0] + R[2, 1] * axes[k, 1] + R[2, 2] * axes[k, 2]
+    return pixel_of(xk, yk, max(zk, view.near), view)
 
 
 @compiled(
@@ -211,7 +166,6 @@ def align(
         for i in range(3):
             places[k, i] = patches.middles[p, i]
         at = warp(patches.middles[p], patches.axes[p], view, config)
-        A = at.A
         if not at.alike:
             score[k] = -1.0
             continue
@@ -233,9 +187,9 @@ def align(
                     da, db, best = other.da, other.db, other.correlation
         if best >= config.min_correlation:
             score[k] = best
-            observed[k, 0] = at.u + A[0, 0] * da + A[0, 1] * db
-            observed[k, 1] = at.v + A[1, 0] * da + A[1, 1] * db
-            area = abs(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+            observed[k, 0] = at.u + at.x_right * da + at.x_down * db
+            observed[k, 1] = at.v + at.y_right * da + at.y_down * db
+            area = abs(at.x_right * at.y_down - at.x_down * at.y_right)
             variance[k] += 2.0 * (1.0 - best) / (SIDE * SIDE) * spread * area
     for k in range(n):
         variance[k] *= 1.0 + YOUNG_S / max(now_s - patches.taken_s[chosen[k]], LEAST_AGE_S)
@@ -315,8 +269,8 @@ def shift_places(
     for p in range(count):
         if not seen[patches.face[p]]:
             continue
-        A = warp(middles[p], axes[p], view, config).A
-        det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+        at = warp(middles[p], axes[p], view, config)
+        det = at.x_right * at.y_down - at.x_down * at.y_right
         if abs(det) < 0.05:
             continue
         for i in range(3):
@@ -330,6 +284,6 @@ def shift_places(
         normal_row(c[0], c[1], c[2], 0.0, 1.0, cam, row)
         for i in range(6):
             dv -= row[i] * twist[i]
-        a, b = (A[1, 1] * du - A[0, 1] * dv) / det, (A[0, 0] * dv - A[1, 0] * du) / det
+        a, b = (at.y_down * du - at.x_down * dv) / det, (at.x_right * dv - at.y_right * du) / det
         for i in range(3):
             middles[p, i] += a * axes[p, 0, i] + b * axes[p, 1, i]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import eliminate, inverse6, se3_exp_left, solve6
+from uavbench.tracker.geometry_kernels import RigidMotion, eliminate, inverse6, se3_exp_left, solve6
 from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
@@ -31,7 +31,7 @@ from uavbench.tracker.robust.solver.equation_kernels import (
 )
 from uavbench.tracker.robust.solver.number_kernels import with_prior
 from uavbench.tracker.robust.solver.spread_kernels import Joint, weigh_edges
-from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT, Weighting, add_patches, add_points
+from uavbench.tracker.robust.solver.sum_kernels import EFFICIENT, Iterate, Weighting, add_patches, add_points
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
@@ -218,21 +218,46 @@ def refine(
     R, t, local = view.R.copy(), view.t.copy(), linearize(biases, view.R, view.t)
     weighting, located = Weighting(np.zeros(n), np.zeros(n), np.zeros(m), np.ones(edges)), distances == 1
     numbers = len(prior.known.mean)
+    row = np.empty(6 + numbers)
     step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros((6, 6)), np.zeros(numbers))
     sums = FrameSums(
         *(np.zeros(edges), np.zeros((edges, 6 + numbers)), np.zeros(edges)),
         *(np.zeros((6 + numbers, 6 + numbers)), np.zeros(6 + numbers), np.zeros((6, 6)), np.zeros(6)),
     )
     for iteration, width_px in enumerate(widths_px):
-        now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near, view.clear_px, view.sweep)
-        add_points(measured, local, prior.known, now, width_px, weighting, sums)
+        here = View(R, t, view.lens, view.size_px, view.bounds_px, view.near, view.clear_px, view.sweep)
+        now = Iterate(here, prior.known, width_px, row)
+        add_points(measured, local, now, weighting, sums)
         # Once edges have told the pose, a patch that does not move with them is none of the structure's.
         told = np.count_nonzero(weighting.weight) >= UNKNOWNS and width_px == widths_px[-1]
         most_sigmas = EFFICIENT if told else np.inf
-        add_patches(matches, now, width_px, most_sigmas, weighting, sums)
+        add_patches(matches, now, most_sigmas, weighting, sums)
         weighed = weighting.edge_weight if located and iteration == iterations - 2 else weighting.edge_weight[:0]
-        if not solve_step(sums, local, prior, now, step, weighed, config):
+        if not solve_step(sums, local, prior, here, step, weighed, config):
             break
         moved = se3_exp_left(R, t, step.to_fit)
         R, t = moved.R, moved.t
     return Estimate(R, t, step, sums, weighting)
+
+
+@compiled(
+    "measured matches biases prior view f1 estimator",
+    measured=EDGE_MEASUREMENTS,
+    matches=PATCH_MATCHES,
+    biases=BIASES_IN_VIEW,
+    prior=POSE_PRIOR,
+    view=VIEW,
+    estimator=ESTIMATOR,
+)
+def refined_pose(
+    measured: EdgeMeasurements,
+    matches: PatchMatches,
+    biases: BiasesInView,
+    prior: PosePrior,
+    view: View,
+    widths_px: Array,
+    config: EstimatorConfig,
+) -> RigidMotion:
+    """The pose of `refine` alone: each of the 23 arrays of an estimate takes Python 0.2 us."""
+    estimate = refine(measured, matches, biases, prior, view, widths_px, config)
+    return RigidMotion(estimate.R, estimate.t)

@@ -35,6 +35,18 @@ class Weighting(NamedTuple):
     edge_weight: Array
 
 
+class Iterate(NamedTuple):
+    """Where a fit is `at` as an iteration begins, the numbers as known, and the biweight's cutoff width_px.
+
+    row (6 + r,): room for an equation, made once.
+    """
+
+    at: View
+    known: KnownNumbers
+    width_px: float
+    row: Array
+
+
 WEIGHTING = named_tuple(Weighting, "f1! f1! f1! f1!")
 
 
@@ -66,23 +78,18 @@ def mirror(A: Array) -> None:
             A[j, i] = A[i, j]
 
 
-@inlined
+@inlined(allocates=False)
 def add_points(
-    measured: EdgeMeasurements,
-    biases: LocalBiases,
-    known: KnownNumbers,
-    view: View,
-    width_px: float,
-    weighting: Weighting,
-    sums: FrameSums,
+    measured: EdgeMeasurements, biases: LocalBiases, now: Iterate, weighting: Weighting, sums: FrameSums
 ) -> None:
-    """Weigh the control points at the view's pose by their edges and by the biweight, and sum them up, in place.
+    """Weigh the control points at an iterate's pose by their edges and by the biweight, and sum them up, in place.
 
-    Its cutoff is width_px; for points located by a single candidate it is EFFICIENT standard deviations of their
-    distance from the offset that their edge and the numbers are known to have, if that is less.
+    Its cutoff is that of the iterate; for points located by a single candidate it is EFFICIENT standard deviations of
+    their distance from the offset that their edge and the numbers are known to have, if that is less.
     """
     points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
     distance = measured.candidates.distance
+    view, known, row = now.at, now.known, now.row
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
     E, e, R, t, lens = sums.edge_information, sums.edge_vector, view.R, view.t, view.lens
     weight, variance_px2 = measured.weight, measured.variance_px2
@@ -92,22 +99,22 @@ def add_points(
     for column in (S, d, e):
         column[:] = 0.0
     by, numbers = measured.by_numbers, len(known.mean)
-    row, c = np.empty(6 + numbers), np.empty(3)
     located = distance.shape[1] == 1
     for g in range(len(first) - 1):
         for p in range(first[g], first[g + 1]):
             weights[p], residual[p] = 0.0, np.inf
             if weight[p] <= 0.0:
                 continue
-            for i in range(3):
-                c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
-            if c[2] < view.near:
+            x = R[0, 0] * points[p, 0] + R[0, 1] * points[p, 1] + R[0, 2] * points[p, 2] + t[0]
+            y = R[1, 0] * points[p, 0] + R[1, 1] * points[p, 1] + R[1, 2] * points[p, 2] + t[1]
+            z = R[2, 0] * points[p, 0] + R[2, 1] * points[p, 1] + R[2, 2] * points[p, 2] + t[2]
+            if z < view.near:
                 continue
-            u, v = pixel_of(c[0], c[1], c[2], view)
+            u, v = pixel_of(x, y, z, view)
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
             moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
             best, r_best = np.inf, np.inf
-            square_px2 = width_px * width_px
+            square_px2 = now.width_px * now.width_px
             expected = 0.0
             if located:
                 expected, variance = biases.expected.px[g], variance_px2[p] + biases.expected.variance_px2[g]
@@ -123,7 +130,7 @@ def add_points(
             residual[p] = r_best
             if best < 1.0:
                 weights[p] = weighting.edge_weight[g] * weight[p] * (1.0 - best) * (1.0 - best)
-                normal_row(c[0], c[1], c[2], nu, nv, lens, row)
+                normal_row(x, y, z, nu, nv, lens, row)
                 for i in range(numbers):
                     row[6 + i] = by[p, i]
                 w = weights[p] / variance_px2[p]
@@ -140,36 +147,35 @@ def add_points(
     mirror(E)
 
 
-@inlined
-def add_patches(
-    matches: PatchMatches, view: View, width_px: float, most_sigmas: float, weighting: Weighting, sums: FrameSums
-) -> None:
-    """Weigh the patches at the view's pose by the biweight, and sum them up, in place.
+@inlined(allocates=False)
+def add_patches(matches: PatchMatches, now: Iterate, most_sigmas: float, weighting: Weighting, sums: FrameSums) -> None:
+    """Weigh the patches at an iterate's pose by the biweight, and sum them up, in place.
 
-    Its cutoff is width_px, and no more than so many standard deviations of a patch.
+    Its cutoff is that of the iterate, and no more than so many standard deviations of a patch.
     """
-    places, R, t, lens = matches.places, view.R, view.t, view.lens
+    view, row, places = now.at, now.row, matches.places
+    R, t, lens = view.R, view.t, view.lens
     P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
     correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
     P[:] = 0.0
     q[:] = 0.0
-    row, c = np.empty(6), np.empty(3)
     for p in range(len(places)):
         weights[p] = 0.0
         if correlation[p] <= 0.0:
             continue
-        for i in range(3):
-            c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
-        if c[2] < view.near:
+        x = R[0, 0] * places[p, 0] + R[0, 1] * places[p, 1] + R[0, 2] * places[p, 2] + t[0]
+        y = R[1, 0] * places[p, 0] + R[1, 1] * places[p, 1] + R[1, 2] * places[p, 2] + t[1]
+        z = R[2, 0] * places[p, 0] + R[2, 1] * places[p, 1] + R[2, 2] * places[p, 2] + t[2]
+        if z < view.near:
             continue
-        u, v = pixel_of(c[0], c[1], c[2], view)
+        u, v = pixel_of(x, y, z, view)
         ru, rv = observed[p, 0] - u, observed[p, 1] - v
-        cost = (ru * ru + rv * rv) / min(width_px * width_px, most_sigmas**2 * variance_px2[p])
+        cost = (ru * ru + rv * rv) / min(now.width_px * now.width_px, most_sigmas**2 * variance_px2[p])
         if cost < 1.0:
             w = (1.0 - cost) * (1.0 - cost)
             weights[p] = w
-            normal_row(c[0], c[1], c[2], 1.0, 0.0, lens, row)
+            normal_row(x, y, z, 1.0, 0.0, lens, row)
             add_row_of_pose(P, q, row, ru, w / variance_px2[p])
-            normal_row(c[0], c[1], c[2], 0.0, 1.0, lens, row)
+            normal_row(x, y, z, 0.0, 1.0, lens, row)
             add_row_of_pose(P, q, row, rv, w / variance_px2[p])
     mirror(P)
