@@ -184,9 +184,9 @@ def test_edges_keep_their_weights_where_a_fit_has_no_covariance():
     none = KindSums(np.zeros(0), np.zeros((0, 12)), np.zeros(0))
     offsets = np.zeros((2, 6)), np.ones(2), np.zeros(2), np.array([-1, -1]), np.zeros(2)
     biases = LocalBiases(np.eye(6), np.zeros(6), *offsets, none, ExpectedOffsets(np.zeros(2), np.ones(2)))
-    weigh_edges(sums, biases, none, Joint(np.zeros(12), np.full((12, 12), np.nan)), weight)
+    weigh_edges(sums, biases, none, Joint(np.zeros(12), np.full((12, 12), np.nan)), np.empty(12), weight)
     assert weight.tolist() == [1.0, 0.5]
-    weigh_edges(sums, biases, none, Joint(np.zeros(12), 1e-9 * np.eye(12)), weight)
+    weigh_edges(sums, biases, none, Joint(np.zeros(12), 1e-9 * np.eye(12)), np.empty(12), weight)
     assert 0.0 < weight[0] < 1.0
     assert weight[1] == 0.5
 

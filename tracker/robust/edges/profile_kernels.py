@@ -4,6 +4,7 @@ The appearance of a part of an edge is a row of the columns in `columns`; colour
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +109,20 @@ def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float, grey: b
     return max(-1.0, min(1.0, 0.5 * (before - after) / bend)) if bend < 0.0 else 0.0
 
 
+class Scan(NamedTuple):
+    """Room for what is read along a search line, made once: colours (m, 3), values (m,) along the learned step, slopes
+    (m,), and the rank of each candidate. appearance, weak_step, config: as of `search`.
+    """
+
+    colours: Array
+    values: Array
+    slopes: Array
+    rank: Array
+    appearance: Array
+    weak_step: float
+    config: SearchConfig
+
+
 @compiled("u3 lines i1 f2 f1 f0 search", lines=SEARCH_LINES, search=SEARCH)
 def search(
     image: Image,
@@ -125,79 +140,90 @@ def search(
     levels. Contrast is signed along the learned step, in grey levels; without learned appearance it is that of the grey
     image, unsigned.
     """
-    lines, side = at.lines, at.side
-    n, candidates = len(lines), CANDIDATES
-    distance, contrast = np.empty((n, candidates)), np.zeros((n, candidates))
-    distance[:] = np.inf
-    colours = np.zeros((2 * (MAX_HALF_PX + REACH) + 1, 3))
-    grey = image.shape[2] == 1
-    f = np.empty(len(colours))
-    g = np.empty(len(colours))
-    rank = np.empty(candidates)
+    n, side = len(at.lines), at.side
+    found = Candidates(np.full((n, CANDIDATES), np.inf), np.zeros((n, CANDIDATES)))
+    longest = 2 * (MAX_HALF_PX + REACH) + 1
+    scan = Scan(
+        *(np.zeros((longest, 3)), np.empty(longest), np.empty(longest), np.empty(CANDIDATES)),
+        *(appearance, weak_step, config),
+    )
     for p in range(n):
-        if side[p] == OUTSIDE:
-            continue
-        m = min(MAX_HALF_PX, int(half[p] + 1.0)) + REACH
-        while not sample_profile(image, lines[p], m, colours):
-            m -= 2
-            if m <= REACH:
-                break
+        if side[p] != OUTSIDE:
+            search_line(image, at, p, rows[p], half[p], scan, found)
+    return found
+
+
+@inlined(allocates=False)
+def search_line(image: Image, at: SearchLines, p: int, row: int, half_px: float, scan: Scan, found: Candidates) -> None:
+    """Write the candidates on the search line of a control point p, with a row of the appearance."""
+    line, learned_row, side, config, weak_step = (
+        at.lines[p],
+        scan.appearance[row],
+        at.side[p],
+        scan.config,
+        scan.weak_step,
+    )
+    colours, f, g, rank, grey = scan.colours, scan.values, scan.slopes, scan.rank, image.shape[2] == 1
+    m = min(MAX_HALF_PX, int(half_px + 1.0)) + REACH
+    while not sample_profile(image, line, m, colours):
+        m -= 2
         if m <= REACH:
-            continue
-        learned = appearance[rows[p], TIMES_SEEN] > 0.0
-        w0, w1, w2, step = GREY[0], GREY[1], GREY[2], 0.0
-        if grey:
-            w0, w1, w2 = 1.0, 0.0, 0.0
-        if learned:
-            learned_row = appearance[rows[p]]
-            d0 = learned_row[POSITIVE_COLOUR] - learned_row[NEGATIVE_COLOUR]
-            d1 = learned_row[POSITIVE_COLOUR + 1] - learned_row[NEGATIVE_COLOUR + 1]
-            d2 = learned_row[POSITIVE_COLOUR + 2] - learned_row[NEGATIVE_COLOUR + 2]
-            step = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-            if step > config.min_contrast_grey:
-                w0, w1, w2 = d0 / step, d1 / step, d2 / step
-            else:
-                learned = False
-        least = config.min_contrast_grey
-        if learned:
-            least = max(config.min_contrast_grey, config.learned_step_part * step)
-        if grey:
-            for k in range(2 * m + 1):
-                f[k] = w0 * colours[k, 0]
+            break
+    if m <= REACH:
+        return
+    learned = learned_row[TIMES_SEEN] > 0.0
+    w0, w1, w2, step = GREY[0], GREY[1], GREY[2], 0.0
+    if grey:
+        w0, w1, w2 = 1.0, 0.0, 0.0
+    if learned:
+        d0 = learned_row[POSITIVE_COLOUR] - learned_row[NEGATIVE_COLOUR]
+        d1 = learned_row[POSITIVE_COLOUR + 1] - learned_row[NEGATIVE_COLOUR + 1]
+        d2 = learned_row[POSITIVE_COLOUR + 2] - learned_row[NEGATIVE_COLOUR + 2]
+        step = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+        if step > config.min_contrast_grey:
+            w0, w1, w2 = d0 / step, d1 / step, d2 / step
         else:
-            for k in range(2 * m + 1):
-                f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
-        for k in range(2, 2 * m - 1):
-            slope = 0.5 * (f[k + 1] + f[k + 2] - f[k - 1] - f[k - 2])
-            g[k] = slope if learned else abs(slope)
-        rank[:] = -np.inf
-        for k in range(REACH, 2 * m + 1 - REACH):
-            if not (g[k] >= least and g[k] >= g[k - 1] and g[k] > g[k + 1]):
-                continue
-            d = k - m + peak_offset(colours, k, w0, w1, w2, grey)
-            cost = 0.0
-            if learned:
-                low, high = 0.0, 0.0
-                for c in range(image.shape[2]):
-                    before = 0.5 * (colours[k - 2, c] + colours[k - 3, c])
-                    after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
-                    low += (before - appearance[rows[p], NEGATIVE_COLOUR + c]) ** 2
-                    high += (after - appearance[rows[p], POSITIVE_COLOUR + c]) ** 2
-                if side[p] == SILHOUETTE_POSITIVE:  # the background of a silhouette edge varies
-                    low = 0.0
-                elif side[p] == SILHOUETTE_NEGATIVE:
-                    high = 0.0
-                cost = 0.5 * (low + high) / (weak_step * weak_step)
-                cost = min(SIGMAS * SIGMAS, cost)
-            value = g[k] / (step + weak_step) - 0.5 * cost  # exponent of a normal density
-            slot = 0
-            for s in range(1, candidates):
-                if rank[s] < rank[slot]:
-                    slot = s
-            if value > rank[slot]:
-                rank[slot] = value
-                distance[p, slot], contrast[p, slot] = d, g[k]
-    return Candidates(distance, contrast)
+            learned = False
+    least = config.min_contrast_grey
+    if learned:
+        least = max(config.min_contrast_grey, config.learned_step_part * step)
+    if grey:
+        for k in range(2 * m + 1):
+            f[k] = w0 * colours[k, 0]
+    else:
+        for k in range(2 * m + 1):
+            f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
+    for k in range(2, 2 * m - 1):
+        slope = 0.5 * (f[k + 1] + f[k + 2] - f[k - 1] - f[k - 2])
+        g[k] = slope if learned else abs(slope)
+    for s in range(CANDIDATES):
+        rank[s] = -np.inf
+    for k in range(REACH, 2 * m + 1 - REACH):
+        if not (g[k] >= least and g[k] >= g[k - 1] and g[k] > g[k + 1]):
+            continue
+        d = k - m + peak_offset(colours, k, w0, w1, w2, grey)
+        cost = 0.0
+        if learned:
+            low, high = 0.0, 0.0
+            for c in range(image.shape[2]):
+                before = 0.5 * (colours[k - 2, c] + colours[k - 3, c])
+                after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
+                low += (before - learned_row[NEGATIVE_COLOUR + c]) ** 2
+                high += (after - learned_row[POSITIVE_COLOUR + c]) ** 2
+            if side == SILHOUETTE_POSITIVE:  # the background of a silhouette edge varies
+                low = 0.0
+            elif side == SILHOUETTE_NEGATIVE:
+                high = 0.0
+            cost = 0.5 * (low + high) / (weak_step * weak_step)
+            cost = min(SIGMAS * SIGMAS, cost)
+        value = g[k] / (step + weak_step) - 0.5 * cost  # exponent of a normal density
+        slot = 0
+        for s in range(1, CANDIDATES):
+            if rank[s] < rank[slot]:
+                slot = s
+        if value > rank[slot]:
+            rank[slot] = value
+            found.distance[p, slot], found.contrast[p, slot] = d, g[k]
 
 
 @compiled("u3 lines i1 f1 f2! appearance", inner=True, lines=SEARCH_LINES, appearance=APPEARANCE)

@@ -184,15 +184,14 @@ def point_variances(
 
     weak_step: step in grey levels of an edge with an assumed error of 1 px before it is learned.
     """
-    own = np.empty(len(points.rows))
+    rows, contrast, own = points.rows, found.contrast, np.empty(len(points.rows))
     for p in range(len(own)):
-        row = appearance[points.rows[p]]
-        if row[TIMES_SEEN] > 0.0:
-            own[p] = config.point_variance_px2 + row[MEAN_SQUARE]
+        if appearance[rows[p], TIMES_SEEN] > 0.0:
+            own[p] = config.point_variance_px2 + appearance[rows[p], MEAN_SQUARE]
         else:
             step = weak_step
-            for c in range(found.contrast.shape[1]):
-                step = max(step, found.contrast[p, c])
+            for c in range(contrast.shape[1]):
+                step = max(step, contrast[p, c])
             error = weak_step / step
             own[p] = config.point_variance_px2 + error**2
     return own

@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import se3_log_left
 from uavbench.tracker.robust.solver.bias_state import FrameSums, KindSums, LocalBiases
 from uavbench.tracker.robust.solver.number_state import KNOWN_NUMBERS, KnownNumbers
-from uavbench.tracker.robust.view import View
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import inlined
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 
@@ -28,13 +26,14 @@ class PosePrior(NamedTuple):
 POSE_PRIOR = named_tuple(PosePrior, "f2! f2! f1! known", known=KNOWN_NUMBERS)
 
 
-@inlined
-def add_edges(sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View, H: Array, h: Array) -> None:
+@inlined(allocates=False)
+def add_edges(sums: FrameSums, biases: LocalBiases, prior: PosePrior, to_prior: Array, H: Array, h: Array) -> None:
     """Add what edges and priors say of the pose, the patches' pose error and the numbers to H (12 + r, 12 + r), its
     lower half, and h (12 + r,), in place, without the offsets.
+
+    to_prior (6,): twist to the predicted pose.
     """
     E, e, n = sums.edge_information, sums.edge_vector, len(h)
-    to_prior = se3_log_left(view.R, view.t, prior.R, prior.t)
     for i in range(6):
         h[i], h[6 + i] = h[i] + e[i], h[6 + i] + biases.vector[i]
         for j in range(6):
@@ -50,16 +49,28 @@ def add_edges(sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View
             H[k, j] += E[k - 6, j - 6] + biases.information[k - 6, j - 6]
 
 
-@inlined
-def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array) -> KindSums:
+@compiled
+def room_for_kinds(biases: LocalBiases, unknowns: int) -> KindSums:
+    """Room for what is known of the kinds beside so many unknowns."""
+    count = len(biases.of_kinds.information)
+    return KindSums(np.zeros(count), np.zeros((count, unknowns)), np.zeros(count))
+
+
+@inlined(allocates=False)
+def marginalize_offsets(
+    sums: FrameSums, biases: LocalBiases, kinds_out: KindSums, row: Array, H: Array, h: Array
+) -> None:
     """Marginalize the offset of each edge, then what the edges of each kind share, from H (12 + r, 12 + r), its lower
-    half, and h (12 + r,), in place. Returns what is known of the latter, with cross (k, 12 + r).
+    half, and h (12 + r,), in place.
+
+    What is known of the kinds is written into kinds_out, with cross (k, 12 + r); row (12 + r,) is room for an edge.
     """
     n = len(h)
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
     cross, kinds, ties, of_kinds = biases.cross, biases.kinds, biases.ties, biases.of_kinds
-    row, count = np.empty(n), len(of_kinds.information)
-    rows, shared, vector = np.zeros((count, n)), of_kinds.information.copy(), of_kinds.vector.copy()
+    shared, rows, vector, count = kinds_out.information, kinds_out.cross, kinds_out.vector, len(of_kinds.information)
+    for k in range(count):
+        shared[k], vector[k] = of_kinds.information[k], of_kinds.vector[k]
     for k in range(count):
         for i in range(n - 6):
             rows[k, 6 + i] = of_kinds.cross[k, i]
@@ -80,7 +91,6 @@ def marginalize_offsets(sums: FrameSums, biases: LocalBiases, H: Array, h: Array
     for k in range(count):
         scale = 1.0 / shared[k]
         marginalize(H, h, rows[k], vector[k] * scale, scale)
-    return KindSums(shared, rows, vector)
 
 
 @inlined(allocates=False)

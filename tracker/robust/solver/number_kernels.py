@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import eliminate
+from uavbench.tracker.geometry_kernels import eliminate, se3_log_left
 from uavbench.tracker.robust.solver.bias_kernels import linearize
 from uavbench.tracker.robust.solver.bias_state import BIASES_IN_VIEW, FRAME_SUMS, BiasesInView, FrameSums
 from uavbench.tracker.robust.solver.equation_kernels import (
@@ -15,6 +15,7 @@ from uavbench.tracker.robust.solver.equation_kernels import (
     add_edges,
     marginalize,
     marginalize_offsets,
+    room_for_kinds,
 )
 from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.tracker.robust.view import VIEW, View
@@ -51,8 +52,8 @@ def numbers_seen(
     n = 12 + numbers + len(sides)
     H, h = np.zeros((n, n)), np.zeros(n)
     both = with_shared_offsets(sums, sides)
-    add_edges(both, local, prior, view, H, h)
-    marginalize_offsets(both, local, H, h)
+    add_edges(both, local, prior, se3_log_left(view.R, view.t, prior.R, prior.t), H, h)
+    marginalize_offsets(both, local, room_for_kinds(local, n), np.empty(n), H, h)
     for last in range(n - 1, n - 1 - len(sides), -1):
         variance = 1.0 / (H[last, last] + 1.0 / shared_px2)
         marginalize(H[:last, :last], h[:last], H[last, :last], h[last] * variance, variance)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import RigidMotion, eliminate, inverse6, se3_exp_left, solve6
+from uavbench.tracker.geometry_kernels import RigidMotion, eliminate, inverse6, se3_exp_left, se3_log_left, solve6
 from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
@@ -28,6 +28,7 @@ from uavbench.tracker.robust.solver.equation_kernels import (
     add_edges,
     marginalize,
     marginalize_offsets,
+    room_for_kinds,
 )
 from uavbench.tracker.robust.solver.number_kernels import with_prior
 from uavbench.tracker.robust.solver.spread_kernels import Joint, weigh_edges
@@ -129,12 +130,13 @@ def solve_step(
     P, q, numbers = sums.patch_information, sums.patch_vector, len(prior.known.mean)
     n = 12 + numbers
     H, h = np.zeros((n, n)), np.zeros(n)
-    add_edges(sums, biases, prior, view, H, h)
+    add_edges(sums, biases, prior, se3_log_left(view.R, view.t, prior.R, prior.t), H, h)
     for i in range(6):
         h[i], h[6 + i] = h[i] + q[i], h[6 + i] - q[i]
         for j in range(6):
             H[i, j], H[6 + i, 6 + j], H[6 + i, j] = H[i, j] + P[i, j], H[6 + i, 6 + j] + P[i, j], -P[i, j]
-    of_kinds = marginalize_offsets(sums, biases, H, h)
+    of_kinds, of_edge = room_for_kinds(biases, n), np.empty(n)
+    marginalize_offsets(sums, biases, of_kinds, of_edge, H, h)
     A, b, row, held = step.information, np.empty(6), np.empty(6), np.empty((6, 6))
     M, N = np.empty((6, 6)), np.empty((6, 7 + numbers))
     part = config.patches_prior_part  # a small part of the other information regularizes the pose of the patches alone
@@ -185,7 +187,7 @@ def solve_step(
         for i in range(k, numbers):
             step.to_numbers[i] += root[i, k] * f[6 + k]
     if edge_weight.size:
-        weigh_edges(sums, biases, of_kinds, joint_of(step, of_patches, N), edge_weight)
+        weigh_edges(sums, biases, of_kinds, joint_of(step, of_patches, N), of_edge, edge_weight)
     return True
 
 

@@ -37,19 +37,21 @@ class Joint(NamedTuple):
     covariance: Array
 
 
-@inlined
-def weigh_edges(sums: FrameSums, biases: LocalBiases, of_kinds: KindSums, joint: Joint, edge_weight: Array) -> None:
+@inlined(allocates=False)
+def weigh_edges(
+    sums: FrameSums, biases: LocalBiases, of_kinds: KindSums, joint: Joint, row: Array, edge_weight: Array
+) -> None:
     """Write the weights (g,) of the edges: the biweight of their deletion residuals, cut off at EFFICIENT.
 
     Such a residual is the distance of an edge's points from where all else that the frame shows, and what earlier
     frames told of the edge's offset, expect their mean, in standard deviations (Cook & Weisberg 1982). What else comes
     to lie where an edge was found may draw the fit along, and leaves no residual there.
 
-    of_kinds: of `marginalize_offsets`. Edges keep their weights where they have no point in the fit, or where rounding
-    left it without a covariance.
+    of_kinds: of `marginalize_offsets`; row (12 + r,): room for an edge. Edges keep their weights where they have no
+    point in the fit, or where rounding left it without a covariance.
     """
     S, s, d, cross = sums.offset_weight, sums.offset_jacobian, sums.offset_residual, biases.cross
-    value, covariance, row = joint.value, joint.covariance, np.empty(len(joint.value))
+    value, covariance = joint.value, joint.covariance
     for g in range(len(S)):
         if not S[g] > 0.0:
             continue
