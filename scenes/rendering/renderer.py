@@ -46,6 +46,18 @@ class DrawnMesh(NamedTuple):
     part: int
 
 
+class Draw(NamedTuple):
+    """A mesh that is drawn, its motion, the number of its first facet from 1 on, and how it looks: in the image, and in
+    a mirror, None for water, which is not mirrored.
+    """
+
+    mesh: Mesh
+    mover: Mover | None
+    first: float
+    look: tuple[str, ...]
+    mirrored: tuple[str, ...] | None
+
+
 class Renderer:
     """A scene on the GPU (or in llvmpipe) rendered at one image size; a context manager, or call `close`.
 
@@ -92,6 +104,7 @@ class Renderer:
         self._no_vertices = GL.glGenVertexArrays(1)
         self._depth = self._programs(shaders.DEPTH)
         self._light = Lighting(GL, light, [mesh for mesh, mover, _ in self._meshes if mover is None], self._depth)
+        self._draws = self._in_order()
         levels = sorted({level for mesh, _, _ in self._meshes if (level := mirror_level_m(mesh.part)) is not None})
         self._mirrors = {level: Mirror(GL, width, height, level) for level in levels}
         self._lit = {look: self._programs(*look) for look in sorted(self._looks(bool(levels)))}
@@ -138,15 +151,16 @@ class Renderer:
             program.vector("eye", eye)
             self._light.move(program, time_s)
         self._light.bind()
-        for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True):
-            if mesh.part.ripples is not None and into is not None:
+        for mesh, mover, first, *looks in self._draws:
+            look = looks[into is not None]
+            if look is None:
                 continue
-            program = self._lit[self._look(mesh, into is not None)][mesh.cutout]
+            program = self._lit[look][mesh.cutout]
             program.use()
             self._bind(mesh.part, program, into is not None)
             program.matrix("model", AT_REST if mover is None else mover.world_from_part(time_s).matrix)
             program.number("roughness", mesh.part.roughness)
-            program.number("first_facet", first + 1.0)
+            program.number("first_facet", first)
             mesh.draw()
         GL.glBindVertexArray(self._no_vertices)
         if self._sky is not None:
@@ -180,11 +194,11 @@ class Renderer:
             program.use()
             program.matrix("view_projection", _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix)
             program.vector("depth_row", cam_from_world.matrix[2])
-        for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True):
+        for mesh, mover, first, *_ in self._draws:
             program = self._geometry[mesh.cutout]
             program.use()
             program.matrix("model", AT_REST if mover is None else mover.world_from_part(time_s).matrix)
-            program.number("first_facet", first + 1.0)
+            program.number("first_facet", first)
             mesh.draw()
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
         self._seen, self._pixels = moment, self._outlines.pixels(self._numbers)
@@ -239,9 +253,27 @@ class Renderer:
 
     def _looks(self, mirrored: bool) -> set[tuple[str, ...]]:
         """Fragment shader and switches of every lit program that the meshes need."""
-        meshes = [mesh for mesh, _, _ in self._meshes]
-        looks = {self._look(mesh, False) for mesh in meshes}
-        return looks | {self._look(mesh, True) for mesh in meshes if mirrored and mesh.part.ripples is None}
+        looks = {draw.look for draw in self._draws}
+        return looks | {draw.mirrored for draw in self._draws if mirrored and draw.mirrored is not None}
+
+    def _in_order(self) -> list[Draw]:
+        """The meshes as they are drawn: those with an alpha mask last, and of each kind small ones first.
+
+        Pixels that an earlier mesh hides are not shaded, and small things are mostly before large ones.
+        """
+        draws = [
+            Draw(
+                mesh,
+                mover,
+                first + 1.0,
+                self._look(mesh, False),
+                None if mesh.part.ripples is not None else self._look(mesh, True),
+            )
+            for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True)
+        ]
+        return sorted(
+            draws, key=lambda draw: (draw.mesh.cutout, np.linalg.norm(np.ptp(draw.mesh.part.vertices, axis=0)))
+        )
 
     def _look(self, mesh: Mesh, mirrored: bool) -> tuple[str, ...]:
         part, light = mesh.part, self._light
