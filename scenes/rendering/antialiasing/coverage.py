@@ -10,7 +10,7 @@ from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, read
 from uavbench.scenes.rendering.facets import Rows
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, bit_number, unlike
+from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, BITS, bit_number, equal_bytes, unlike
 from uavbench.trajectories.pose import Array
 
 BESIDE = 2
@@ -20,8 +20,9 @@ BESIDE = 2
 class BorderRows(NamedTuple):
     """Scratch: the borders, see `Border`, of a row of w pixels with the rows above and below it, and within it.
 
-    places (3, w, 2), 0.5 where there is no border; between (3, w); mixed (2, w): 1 for the pixels of this row and the
-    next that have any, else 0; columns (h, w) of some pixels of each row, of which counts (h,) are listed.
+    places (3, w, 2), 0.5 where there is no border; between (3, w); mixed (3, w'), in whole words of bytes: 1 for the
+    pixels of this row and the next that have any, else 0, and a row of 0; columns (h, w) of some pixels of each row, of
+    which counts (h,) are listed.
     """
 
     places: Array
@@ -35,7 +36,7 @@ class BorderRows(NamedTuple):
         """Scratch for an image of a size in px."""
         places, between = np.full((3, width, 2), 0.5), np.empty((3, width), dtype=np.int64)
         columns, counts = np.empty((height, width), dtype=np.uint16), np.empty(height, dtype=np.int64)
-        return cls(places, between, np.zeros((2, width), dtype=np.uint8), columns, counts)
+        return cls(places, between, np.zeros((3, -(-width // BITS) * BITS), dtype=np.uint8), columns, counts)
 
 
 BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! h2! i1!")
@@ -118,12 +119,17 @@ def _unlike(data: Any, v: int, size: Any, columns: Any) -> int:
 
 
 @compiled
-def _marked(marks: Any, columns: Any) -> int:
-    """List where marks (w,) are 1, not 0; returns how many."""
-    count: int = 0
-    for u in range(marks.size):
-        columns[count] = u
-        count += marks[u]
+def _marked(marks: Any, row: int, columns: Any) -> int:
+    """List where a row of marks (3, w') is 1, not 0, as its last row is; returns how many."""
+    data, width, count = marks.reshape(-1), np.uint64(marks.shape[1]), 0
+    here, zeros = np.uint64(row) * width, np.uint64(2) * width
+    for first in range(np.uint64(0), width, np.uint64(BITS)):
+        marked = ~equal_bytes(data, here + first, zeros + first)
+        while marked != 0:
+            single = marked & (~marked + np.uint64(1))
+            marked ^= single
+            columns[count] = first + np.uint64(bit_number(single))
+            count += 1
     return count
 
 
@@ -135,7 +141,7 @@ def _mix(color: Any, v: int, seen: Any, rows: Any, out: Any) -> None:
     above, below = v % 2, 1 - v % 2
     over, under = min(y + 1, h - 1), max(y - 1, 0)
     columns = rows.columns[v]
-    count = _marked(now, columns)
+    count = _marked(rows.mixed, v % 2, columns)
     for k in range(count):
         u = int(columns[k])
         before, after = max(u - 1, 0), min(u + 1, w - 1)
@@ -190,14 +196,18 @@ def part_numbers(numbers: Any, instance: Any, facets: Any, depth: Any, instances
     """Facets, -1 for none, depth and instances (h, w) from the top row on, of numbers (h, w, 2): depth and facet + 1,
     from the bottom row on.
 
-    instance (n + 1,) is that of each facet, after that of the background.
+    instance (n + 1,) is that of each facet, after that of the background. Both numbers of a pixel are loaded as one,
+    which becomes vectors.
     """
     h, w = depth.shape
     for v in range(h):
-        row, shown, far, of = numbers[h - 1 - v], facets[v], depth[v], instances[v]
+        both, shown, of = numbers[h - 1 - v].reshape(-1).view(np.uint64), facets[v], instances[v]
+        far, codes, number = depth[v].view(np.uint32), shown.view(np.uint32), shown.view(np.float32)
         for u in range(w):
-            far[u] = row[u, 0]
+            far[u] = np.uint32(both[u] & np.uint64(0xFFFFFFFF))
         for u in range(w):
-            shown[u] = np.int32(row[u, 1]) - np.int32(1)
+            codes[u] = np.uint32(both[u] >> np.uint64(32))
         for u in range(w):
-            of[u] = instance[np.uint32(row[u, 1])]
+            shown[u] = np.int32(number[u]) - np.int32(1)
+        for u in range(w):
+            of[u] = instance[np.uint32(shown[u] + np.int32(1))]
