@@ -90,12 +90,12 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
         filming = Filming(source=source, mount=mount, structure=scene.built.structure, surfaces=surfaces)
 
         def make() -> None:
-            stamp_ns = next(stamps)
+            stamp_ns, number = next(stamps), next(numbers)
             light = source.image(stamp_ns)
             assert light is not None
             image = encode(light)
-            write_image(folder / "frames" / "000000.png", image)
-            write_annotations(folder, spec, next(numbers), filming, image, stamp_ns)
+            write_image(folder / "frames" / f"{number:06d}.png", image)
+            write_annotations(folder, spec, number, filming, image, stamp_ns)
 
         yield make
 
