@@ -33,7 +33,6 @@ from uavbench.scenes.filming.frames import Filming, write_annotations, write_ima
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.context import functions, is_llvmpipe
 from uavbench.scenes.rendering.gpu import Program, Target
-from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.sensors.sensor import sample_stamps
@@ -91,9 +90,8 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
 
         def make() -> None:
             stamp_ns, number = next(stamps), next(numbers)
-            light = source.image(stamp_ns)
-            assert light is not None
-            image = encode(light)
+            image = source.frame(stamp_ns)
+            assert image is not None
             write_image(folder / "frames" / f"{number:06d}.png", image)
             write_annotations(folder, spec, number, filming, image, stamp_ns)
 

@@ -8,9 +8,9 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
-from uavbench.scenes.rendering.pixel_kernels import add_noise
-from uavbench.scenes.rendering.radiance import Radiance
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Coded, Rendered, pixel_grid
+from uavbench.scenes.rendering.pixel_kernels import add_noise, code_noisy
+from uavbench.scenes.rendering.radiance import CODES, Radiance
 
 
 @cache
@@ -87,19 +87,31 @@ class Noise:
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """CameraSimulator with noise that is independent between pixels, channels and frames."""
+        clear = source.image
+        gain, floor = 1 / self.full_well_e, (self.read_noise_e / self.full_well_e) ** 2
 
         def image(stamp_ns: int) -> Radiance | None:
-            light = source.image(stamp_ns)
+            light = clear(stamp_ns)
             key = np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
             if light is None:
                 return None
             clean = np.ascontiguousarray(light, dtype=np.float32)
             out = np.empty_like(clean)
-            floor = (self.read_noise_e / self.full_well_e) ** 2
-            add_noise(clean.reshape(-1), 1 / self.full_well_e, floor, key, quantiles(), out.reshape(-1))
+            add_noise(clean.reshape(-1), gain, floor, key, quantiles(), out.reshape(-1))
             return out
 
-        return replace(source, image=image)
+        if not isinstance(clear, Rendered):
+            return replace(source, image=image)
+        rendered = clear.roots
+
+        def codes(stamp_ns: int) -> NDArray[np.uint8]:
+            roots = np.ascontiguousarray(rendered(stamp_ns))
+            key = np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
+            out = np.empty_like(roots)
+            code_noisy(roots.reshape(-1), gain, floor, key, quantiles(), CODES, out.reshape(-1))
+            return out
+
+        return replace(source, image=Coded(image, codes))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
 from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
-from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.camera_clock import Exposures
@@ -59,9 +58,9 @@ def write_frames(
     for number, (time_ns, stamp_ns) in enumerate(
         zip(exposures.times_ns.tolist(), exposures.stamps_ns.tolist(), strict=True)
     ):
-        light = source.image(time_ns)
-        if light is not None:
-            frame, image = len(arrived), encode(light)
+        image = source.frame(time_ns)
+        if image is not None:
+            frame = len(arrived)
             name = f"frames/{frame:06d}.png"
             write_image(folder / name, image)
             lines.append(f"{frame},{stamp_ns},{name}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.pixel_kernels import displacement, square_codes
-from uavbench.scenes.rendering.radiance import Radiance
+from uavbench.scenes.rendering.radiance import Radiance, encode
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose, rotation_log
 
@@ -62,6 +62,29 @@ class SceneRenderer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Rendered:
+    """An `image` of a camera simulator that is the linear radiance of the renderer's square-root coded images."""
+
+    roots: Callable[[int], NDArray[np.uint8]]
+
+    def __call__(self, stamp_ns: int) -> Radiance:
+        """The radiance at a stamp."""
+        return light_of(self.roots(stamp_ns))
+
+
+@dataclass(frozen=True, eq=False)
+class Coded:
+    """An `image` of a camera simulator of which `codes` gives what `encode` would, in less time."""
+
+    light: Callable[[int], Radiance | None]
+    codes: Callable[[int], NDArray[np.uint8]]
+
+    def __call__(self, stamp_ns: int) -> Radiance | None:
+        """The radiance at a stamp."""
+        return self.light(stamp_ns)
+
+
+@dataclass(frozen=True, eq=False)
 class CameraSimulator:
     """A simulated camera; an effect maps one to another.
 
@@ -79,6 +102,13 @@ class CameraSimulator:
     expose: Callable[[int, int], Radiance]
     image: Callable[[int], Radiance | None]
     row_delay_ns: float = 0.0
+
+    def frame(self, stamp_ns: int) -> NDArray[np.uint8] | None:
+        """The image at a stamp in 8-bit sRGB codes (h, w, 3) BGR, None when it is dropped."""
+        if isinstance(self.image, Coded):
+            return self.image.codes(stamp_ns)
+        light = self.image(stamp_ns)
+        return None if light is None else encode(light)
 
 
 def ideal_camera(
@@ -126,7 +156,8 @@ def ideal_camera(
         else:
             add_motion_blur(view.color, flow, lens, weight, out)
 
-    return CameraSimulator(camera, pinhole, lens, cam_from_world, render, expose, sharp)
+    image = Rendered(color) if lens is None else sharp
+    return CameraSimulator(camera, pinhole, lens, cam_from_world, render, expose, image)
 
 
 def through_lens(

@@ -17,6 +17,8 @@ def mix(x: np.uint64) -> np.uint64:
 
 HASHES_AT_ONCE = 256
 """Hashes that are computed before the quantiles are looked up; with their samples they stay in the fastest cache."""
+AT_ONCE = 4 * HASHES_AT_ONCE
+"""Values that are computed at once, in vectors; they stay in the fastest cache."""
 
 
 @compiled("s1 f0 f0 w0 s1 s1!")
@@ -26,28 +28,56 @@ def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any
     normal (65536,) holds the quantiles of the standard normal distribution; each 64-bit hash gives four samples.
     """
     words = np.empty(HASHES_AT_ONCE, dtype=np.uint64)
+    for first in range(0, image.size, AT_ONCE):
+        part, into = image[first : first + AT_ONCE], out[first : first + AT_ONCE]
+        _look_up_normal(key, first // 4, words, normal, into)
+        _disturb(part, gain, floor, into)
+
+
+@compiled("u1 f0 f0 w0 s1 u1 u1!")
+def code_noisy(roots: Any, gain: float, floor: float, key: np.uint64, normal: Any, table: Any, out: Any) -> None:
+    """Out as by `square_codes`, `add_noise` and `code` one after the other; what is between stays in the cache."""
+    words, places = np.empty(HASHES_AT_ONCE, dtype=np.uint64), np.empty(AT_ONCE, dtype=np.uint16)
+    lights, noisy = np.empty(AT_ONCE, dtype=np.float32), np.empty(AT_ONCE, dtype=np.float32)
+    for first in range(0, roots.size, AT_ONCE):
+        part, into = roots[first : first + AT_ONCE], out[first : first + AT_ONCE]
+        light, disturbed = lights[: part.size], noisy[: part.size]
+        _square(part, light)
+        _look_up_normal(key, first // 4, words, normal, disturbed)
+        _disturb(light, gain, floor, disturbed)
+        _code(disturbed, table, places, into)
+
+
+@compiled
+def _look_up_normal(key: np.uint64, first: int, words: Any, normal: Any, out: Any) -> None:
+    """Samples (n,) of the normal distribution by hashes from a first one on, four of each."""
+    for k in range(HASHES_AT_ONCE):
+        words[k] = mix(key + np.uint64(first + k) * np.uint64(0x9E3779B97F4A7C15))
     places = words.view(np.uint16)
-    for first in range(0, -(-image.size // 4), HASHES_AT_ONCE):
-        for k in range(HASHES_AT_ONCE):
-            words[k] = mix(key + np.uint64(first + k) * np.uint64(0x9E3779B97F4A7C15))
-        part, into = image[4 * first : 4 * (first + HASHES_AT_ONCE)], out[4 * first : 4 * (first + HASHES_AT_ONCE)]
-        for i in range(part.size):
-            into[i] = normal[places[i]]
-        for i in range(part.size):
-            deviation = np.float32(np.sqrt(np.float32(gain) * max(part[i], np.float32(0)) + np.float32(floor)))
-            into[i] = part[i] + deviation * into[i]
+    for i in range(out.size):
+        out[i] = normal[places[i]]
+
+
+@compiled
+def _disturb(light: Any, gain: float, floor: float, out: Any) -> None:
+    """Out = light + sqrt(gain * light + floor) * out."""
+    for i in range(light.size):
+        deviation = np.float32(np.sqrt(np.float32(gain) * max(light[i], np.float32(0)) + np.float32(floor)))
+        out[i] = light[i] + deviation * out[i]
 
 
 @compiled("u1 s1!", allocates=False)
 def square_codes(codes: Any, out: Any) -> None:
     """Linear radiance (n,) of the renderer's 8-bit codes (n,), its square roots."""
+    _square(codes, out)
+
+
+@compiled
+def _square(codes: Any, out: Any) -> None:
+    """The same, for kernels."""
     for i in range(codes.size):
         root = np.float32(codes[i]) / np.float32(255)
         out[i] = root * root
-
-
-CODED_AT_ONCE = 1024
-"""Values whose places in the table are computed before any is looked up, in vectors; they stay in the fastest cache."""
 
 
 @compiled("s1 u1 u1!")
@@ -56,16 +86,21 @@ def code(image: Any, table: Any, out: Any) -> None:
 
     Values outside are clipped, NaN counts as 0.
     """
+    places = np.empty(AT_ONCE, dtype=np.uint16)
+    for first in range(0, image.size, AT_ONCE):
+        _code(image[first : first + AT_ONCE], table, places, out[first : first + AT_ONCE])
+
+
+@compiled
+def _code(light: Any, table: Any, places: Any, out: Any) -> None:
+    """The same of at most AT_ONCE values, whose places in the table are computed before any is looked up."""
     top, zero = np.float32(table.size - 1), np.float32(0)
-    places = np.empty(CODED_AT_ONCE, dtype=np.uint16)
-    for start in range(0, image.size, CODED_AT_ONCE):
-        part, into = image[start : start + CODED_AT_ONCE], out[start : start + CODED_AT_ONCE]
-        for i in range(part.size):
-            value = part[i] * top + np.float32(0.5)
-            value = value if value > zero else zero
-            places[i] = np.uint16(np.int32(value if value < top else top))
-        for i in range(part.size):
-            into[i] = table[places[i]]
+    for i in range(light.size):
+        value = light[i] * top + np.float32(0.5)
+        value = value if value > zero else zero
+        places[i] = np.uint16(np.int32(value if value < top else top))
+    for i in range(light.size):
+        out[i] = table[places[i]]
 
 
 @compiled("s1 f0 h1!", allocates=False)
