@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uavbench.scenes.model_files.face_limits import MOST_TRIANGLES
-from uavbench.scenes.model_files.mesh_checks import MOST_NODES
+from uavbench.scenes.model_files.mesh_checks import MOST_NODES, closedness
 from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.processes.reading_apart import refuse
 
@@ -69,6 +69,11 @@ def is_visible(element: Any) -> bool:
     return any((part.RepresentationIdentifier or BODY[0]) in BODY for part in parts)
 
 
+def beside_body(element: Any) -> set[str]:
+    """Identifiers of representations that are not what is seen of an element: the room kept free about it, its box."""
+    return {part.RepresentationIdentifier or BODY[0] for part in element.Representation.Representations} - {*BODY}
+
+
 def write_pieces(model: Any, geom: Any) -> set[int]:
     """Write the files; the numbers of the elements whose geometry could be made."""
     settings = geom.settings()
@@ -81,8 +86,11 @@ def write_pieces(model: Any, geom: Any) -> set[int]:
         more = iterator.initialize()
         while more:
             shape = iterator.get()
-            made.add(shape.id)
-            if not any(model.by_id(shape.id).is_a(kind) for kind in UNSEEN):
+            element = model.by_id(shape.id)
+            is_beside_body = is_visible(element) and shape.context in beside_body(element)
+            if not is_beside_body:
+                made.add(shape.id)
+            if not is_beside_body and not any(element.is_a(kind) for kind in UNSEEN):
                 total += len(shape.geometry.faces) // 3
                 if total > MOST_TRIANGLES:
                     refuse(f"it has more than {MOST_TRIANGLES:,} triangles; simplify the model to its planar faces")
@@ -107,9 +115,15 @@ class Piece(NamedTuple):
 
 
 def pieces_of(shape: Any) -> Iterator[Piece]:
-    """Pieces of an element, one per material, each with its own vertices."""
+    """Pieces of an element, one per material, each with its own vertices.
+
+    IfcOpenShell turns elements inside out that are mirrored: they are turned back.
+    """
     vertices = np.array(shape.geometry.verts, dtype=np.float64).reshape(-1, 3)
     triangles = np.array(shape.geometry.faces, dtype=np.int64).reshape(-1, 3)
+    open_edges, volume_m3 = closedness(vertices, triangles) if len(triangles) else (0, 0.0)
+    if volume_m3 < 0 and not open_edges:
+        triangles = triangles[:, ::-1]
     looks = np.array(shape.geometry.material_ids, dtype=np.int64)
     for look in np.unique(looks):
         used, corners = np.unique(triangles[looks == look], return_inverse=True)
@@ -125,11 +139,11 @@ def color(material: Any) -> list[float]:
 
 
 def first_error(log: str) -> str:
-    """Message and object of the first error in IfcOpenShell's log, "" without any."""
+    """Message and object of the first error in IfcOpenShell's log, "" without any; levels are lower case since 0.9."""
     for line in log.splitlines():
         with suppress(ValueError):
             entry = json_value(line)
-            if entry["level"] == "Error":
+            if entry["level"].lower() == "error":
                 return f"{entry['message'].splitlines()[0].rstrip(':')} {entry.get('instance', '')}".strip()
     return ""
 
