@@ -72,6 +72,23 @@ def test_bodies_that_agree_with_themselves_stay_as_they_are():
     assert not wound_against(np.full_like(vertices, np.nan), triangles).any()
 
 
+def test_a_body_that_is_inside_out_beside_a_larger_one_is_turned():
+    vertices, triangles = soup(BODIES["two"])
+    for smaller in (np.arange(24) < 12, np.arange(24) >= 12):
+        larger = trimesh.creation.box((5.0, 5.0, 5.0)).apply_translation((0.0, 20.0, 0.0))
+        more, others = soup(larger)
+        turned = np.concatenate([smaller, np.zeros(12, dtype=bool)])
+        whole = np.concatenate([triangles, others + len(vertices)])
+        found = wound_against(np.concatenate([vertices, more]), with_turned(whole, turned))
+        assert (found == turned).all()
+
+
+def test_a_room_of_which_only_the_inside_is_modelled_stays_as_it_is():
+    room = trimesh.creation.box((9.0, 9.0, 9.0))
+    vertices, triangles = soup(trimesh.util.concatenate([room, BODIES["box"]]))
+    assert not wound_against(vertices, with_turned(triangles, np.arange(24) < 12)).any()
+
+
 def test_a_one_sided_band_stays_as_it_is():
     angle, across = np.linspace(0, 2 * np.pi, 12, endpoint=False), np.repeat([-0.5, 0.5], 12)
     angle = np.tile(angle, 2)

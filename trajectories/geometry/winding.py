@@ -11,9 +11,15 @@ from uavbench.trajectories.pose import Array
 
 MERGED_PART = 1e-7
 """Distance of vertices that are one, in extents of the mesh: about the rounding of 32-bit numbers."""
+FARTHEST = 1e90
+"""Coordinates whose products of three are numbers; meshes beyond, which are refused, stay as they are."""
 
 RAYS = 16
 """Rays from a triangle, by which the side is told that is seen from afar."""
+CLOSED_PART = 1e-9
+"""Volume that is none, in volumes of all closed bodies."""
+BACK_SEEN = 1 / 16
+"""Share of the rays that leave the back of a body of which it is seen; through the edges of others a few may pass."""
 MOST_ASKED = 20_000
 """Triangles from which rays are cast, in a second: of more of them every second or so."""
 
@@ -37,25 +43,30 @@ def wound_against(vertices: Array, triangles: Indices) -> Mask:
 
     Triangles that share an edge with just one other agree where they pass it in opposite directions. Of a body that
     disagrees with itself the side that more rays leave to infinity becomes its outside (Takayama et al. 2014); where
-    they leave none, as few square metres as possible are turned. One-sided surfaces (Moebius) stay as they are, and so
-    do bodies that agree with themselves.
+    they leave none, as few square metres as possible are turned. One-sided surfaces (Moebius) stay as they are. Bodies
+    that agree with themselves do, too, except closed ones that face inwards, as mirrored copies of parts do, and of
+    which the rays see the back: of a cavity they do not. Where the closed bodies hold less than nothing in all, the
+    whole mesh faces inwards, and none of them is turned.
     """
-    if not (len(triangles) and np.isfinite(vertices).all()):
+    if not (len(triangles) and (np.abs(vertices) < FARTHEST).all()):
         return np.zeros(len(triangles), dtype=np.bool_)
     joints = _joints(merged(vertices, triangles))
-    if not joints.against.any():
-        return np.zeros(len(triangles), dtype=np.bool_)
     bodies = _bodies(joints, len(triangles))
     disagrees = np.bincount(bodies.body[joints.one], joints.against, minlength=len(triangles)) > 0
-    asked = np.flatnonzero(disagrees[bodies.body] & bodies.two_sided)
     corners = vertices[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inwards = _inwards(joints, bodies, corners, normal) & ~disagrees
+    asked = np.flatnonzero((disagrees[bodies.body] & bodies.two_sided) | inwards[bodies.body])
+    if not len(asked):
+        return np.zeros(len(triangles), dtype=np.bool_)
     area = np.linalg.norm(normal, axis=1)
     some = asked[:: 1 + len(asked) // MOST_ASKED]
     sign = np.where(bodies.is_reversed, -1.0, 1.0)
     seen = np.bincount(bodies.body[some], (sign * area)[some] * _outward(corners, normal, some), len(triangles))
     as_it_is = np.bincount(bodies.body, sign * area, len(triangles))
     flip = np.where(seen != 0, seen < 0, as_it_is < 0)
+    all_seen = RAYS / 2 * np.bincount(bodies.body[some], area[some], len(triangles))
+    flip[inwards] = (seen < -BACK_SEEN * all_seen)[inwards]
     out = np.zeros(len(triangles), dtype=np.bool_)
     out[asked] = bodies.is_reversed[asked] ^ flip[bodies.body[asked]]
     return out
@@ -105,6 +116,20 @@ def _bodies(joints: _Joints, m: int) -> _Bodies:
     as_is, turned = connected_components(graph, directed=False)[1].reshape(2, m)
     _, body = np.unique(np.minimum(as_is, turned), return_inverse=True)
     return _Bodies(body.reshape(-1), as_is > turned, as_is != turned)
+
+
+def _inwards(joints: _Joints, bodies: _Bodies, corners: Array, normal: Array) -> Mask:
+    """Closed bodies (m,) of negative volume, none where those of all closed bodies add up to less than nothing.
+
+    normal (m, 3): of triangles corners (m, 3, 3), as long as twice their area.
+    """
+    m = len(corners)
+    sides = np.bincount(bodies.body[joints.one], minlength=m) * 2
+    is_closed = (sides > 0) & (sides == 3 * np.bincount(bodies.body, minlength=m))
+    middle = corners.mean(axis=(0, 1))  # of large coordinates little would be left
+    volume = np.where(is_closed, np.bincount(bodies.body, ((corners[:, 0] - middle) * normal).sum(axis=1), m), 0.0)
+    rounding = CLOSED_PART * np.abs(volume).sum()
+    return np.asarray((volume < -rounding) & (volume.sum() >= -rounding), dtype=np.bool_)
 
 
 def _outward(corners: Array, normal: Array, rows: Indices) -> Array:
