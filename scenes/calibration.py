@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.image_files import SUFFIXES, is_shown, load_image, open_video
+from uavbench.scenes.image_files import SUFFIXES, frame_count, is_shown, load_image, open_video
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file
 from uavbench.trajectories.pose import Array
@@ -218,10 +218,10 @@ def _read(path: Path, bits: int) -> NDArray[np.uint8]:
 
 def _video(path: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """At most MOST_VIEWS frames, evenly spread."""
-    film = open_video(path)
-    count = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
+    count = frame_count(path)
     if count < 1:
         raise UserError(f"{path}: a video without images")
+    film = open_video(path)
     chosen = {*_spread(count)}
     for number in range(count):
         read, frame = film.read()

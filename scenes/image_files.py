@@ -44,6 +44,8 @@ VIDEOS = {
     "Ogg": (0, b"OggS"),
 }
 """Magic bytes of video files, with their offset. Playlists are not accepted: they may name any other file."""
+UNCOUNTED = ("Matroska or WebM", "MPEG program", "MPEG", "Ogg")
+"""Videos that do not tell their number of images; OpenCV multiplies their duration, if they tell one, by a rate."""
 
 
 def is_shown(path: Path, folder: Path) -> bool:
@@ -147,15 +149,32 @@ def check_pixels(path: Path, width: int, height: int) -> None:
 
 def open_video(path: Path) -> cv2.VideoCapture:
     """Video of a file; UserError naming the file when it is not a video, or its images are too large."""
-    with reading.opened(path, VIDEO) as handle:
-        head = handle.read(16)
-    if not any(head[at : at + len(word)] == word for at, word in VIDEOS.values()):
+    if not _kind_of_video(path):
         raise UserError(f"{path}: neither an image nor a readable video (MP4, MOV, Matroska, WebM, AVI, MPEG, Ogg)")
     video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)  # as an absolute path, which is never taken for a URL
     if not video.isOpened():
         raise UserError(f"{path}: not a readable video")
     check_pixels(path, int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     return video
+
+
+def _kind_of_video(path: Path) -> str:
+    """Key of VIDEOS, "" for any other file."""
+    with reading.opened(path, VIDEO) as handle:
+        head = handle.read(16)
+    return next((name for name, (at, word) in VIDEOS.items() if head[at : at + len(word)] == word), "")
+
+
+def is_counted(path: Path) -> bool:
+    """Whether a video tells the number of its images."""
+    return _kind_of_video(path) not in UNCOUNTED
+
+
+def frame_count(path: Path) -> int:
+    """Number of images of a video, of which those are decoded that do not tell it; UserError as `open_video`."""
+    video = open_video(path)
+    told = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+    return told if told > 0 and is_counted(path) else sum(1 for _ in iter(video.grab, False))
 
 
 def begin_video(path: Path, codec: str, rate_hz: float, size_px: tuple[int, int]) -> cv2.VideoWriter:
