@@ -82,6 +82,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         say(dry_run(jobs, folder, where.slurm or where.workers))
         return tell_extents(jobs, "flight" if flown else "sequence")
     if where.slurm:
+        refuse_foreign_folder(folder)  # before anything waits in the queue
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
