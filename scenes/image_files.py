@@ -151,11 +151,24 @@ def open_video(path: Path) -> cv2.VideoCapture:
     """Video of a file; UserError naming the file when it is not a video, or its images are too large."""
     if not _kind_of_video(path):
         raise UserError(f"{path}: neither an image nor a readable video (MP4, MOV, Matroska, WebM, AVI, MPEG, Ogg)")
-    video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)  # as an absolute path, which is never taken for a URL
+    video = cv2.VideoCapture(_for_opencv(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
         raise UserError(f"{path}: not a readable video")
     check_pixels(path, int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     return video
+
+
+def _for_opencv(path: Path, told: str = "") -> str:
+    """Absolute path, which is never taken for a URL; UserError for one not in UTF-8, on which OpenCV crashes."""
+    name = str(path.resolve())
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise UserError(
+            f"{told or path}: its name, or that of a folder above, is not in UTF-8, without which OpenCV reads and "
+            "writes no videos; rename it"
+        ) from None
+    return name
 
 
 def _kind_of_video(path: Path) -> str:
@@ -180,9 +193,9 @@ def frame_count(path: Path) -> int:
 def begin_video(path: Path, codec: str, rate_hz: float, size_px: tuple[int, int]) -> cv2.VideoWriter:
     """Writer of a video with a codec, four letters, of images of a width and height.
 
-    UserError when this build of OpenCV cannot: it would write nothing, and tell nothing.
+    UserError when this build of OpenCV cannot: it would write nothing, and tell nothing; and as `_for_opencv`.
     """
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, size_px)
+    writer = cv2.VideoWriter(_for_opencv(path, path.name), cv2.VideoWriter.fourcc(*codec), rate_hz, size_px)
     if not writer.isOpened():
         raise UserError(f"{path.name}: this build of OpenCV cannot write {codec}; install opencv-python-headless")
     return writer
@@ -193,7 +206,7 @@ def finish_video(writer: cv2.VideoWriter, path: Path, frames: int) -> None:
     writer.release()
     if not frames:
         return
-    video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    video = cv2.VideoCapture(_for_opencv(path), cv2.CAP_FFMPEG)
     read = sum(1 for _ in iter(video.grab, False))
     if read < frames or video.get(cv2.CAP_PROP_FRAME_COUNT) <= 0:  # the number comes from what is written last
         raise OSError(errno.ENOSPC, f"only {read} of {frames} frames of the video could be written", str(path))

@@ -2,13 +2,14 @@
 
 import re
 import struct
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.image_files import frame_count
+from uavbench.scenes.image_files import begin_video, finish_video, frame_count, open_video
 from uavbench.tracker.images.video_images import VideoImages
 from uavbench.trajectories.errors import UserError
 
@@ -89,3 +90,22 @@ def test_images_are_counted_where_the_file_does_not(tmp_path):
     (tmp_path / "b.mkv").write_bytes(path.read_bytes()[:200])
     with pytest.raises(UserError, match=r"b\.mkv"):
         frame_count(tmp_path / "b.mkv")
+
+
+def test_a_name_that_is_no_text_ends_no_process(tmp_path):
+    """OpenCV crashes on it."""
+    folder = tmp_path / "caf\udce9"  # of Latin-1
+    folder.mkdir()
+    path = film(tmp_path / "a.mp4").rename(folder / "a.mp4")
+    with pytest.raises(UserError, match=r"a\.mp4: its name, or that of a folder above, is not in UTF-8"):
+        open_video(path)
+    with pytest.raises(UserError, match=r"b\.mp4: its name, or that of a folder above, is not in UTF-8"):
+        begin_video(folder / "b.mp4", "mp4v", 10.0, SIZE)
+
+
+def test_a_folder_with_a_colon_is_no_url(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("x:y").mkdir()
+    path = Path("x:y/a.mp4")
+    finish_video(begin_video(path, "mp4v", 10.0, SIZE), path, 0)
+    assert path.is_file()
