@@ -32,6 +32,8 @@ MOST_CORNERS = 1000
 """Most corners of one face; ear clipping is at least quadratic in their number."""
 LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*((?:,\s*\w+\s*=\s*\[[^\]]*\]\s*)*)\)""", re.IGNORECASE)
 PARAMETER = re.compile(r"(\w+)\s*=\s*\[([^\]]*)\]")
+OPTION = re.compile(r"""\w+=(?:"[^"]*"|\S*)""")
+"""An option of a row, as `minLineLengthThreshold=50` or a name, which may have spaces within quotation marks (ViSP)."""
 UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180}
 """Radians per unit of an angle."""
 SIZES = {"t": 3, "tu": 3, "R": 9}
@@ -203,8 +205,8 @@ def _piece(piece: Piece, work: FaceWork) -> Loaded:
         raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
     flat = Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64))
     try:
-        ends = [(points[_whole(a)], points[_whole(b)], float(radius)) for a, b, radius in cylinders]
-        discs = [(float(r), points[_whole(a)], points[_whole(b)], points[_whole(c)]) for r, a, b, c in circles]
+        ends = [(points[_index(a)], points[_index(b)], float(radius)) for a, b, radius in cylinders]
+        discs = [(float(r), points[_index(a)], points[_index(b)], points[_index(c)]) for r, a, b, c in circles]
         round_ = [cylinder(*row) for row in ends]
         starts, stops, radii = (np.array([end[k] for end in ends]) for k in range(3))
         round_ += [disc(*row) for row in discs if not (ends and is_end(row[1], row[0], starts, stops, radii).any())]
@@ -242,7 +244,7 @@ def _rows(path: Path) -> Iterator[tuple[int, str]]:
 
 def _values(row: str) -> list[str]:
     """Numbers of a row, without ViSP's trailing options (name=..., minLineLengthThreshold=...)."""
-    values = [word for word in row.split() if "=" not in word]
+    values = OPTION.sub(" ", row).split()
     for word in values:
         if not abs(plain_number(word)) <= LARGEST_COORDINATE_M:
             raise ValueError(f"{word} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
@@ -254,6 +256,13 @@ def _whole(word: str) -> int:
     if not float(word).is_integer():
         raise ValueError(f"{word} is not a whole number")
     return int(float(word))
+
+
+def _index(word: str) -> int:
+    """Integer from 0 on from text; ValueError when it is none."""
+    if (index := _whole(word)) < 0:
+        raise ValueError(f"{word} is below 0")
+    return index
 
 
 def _count(path: Path, number: int, what: str, values: list[str], most: int = MOST_ROWS) -> int:
@@ -275,11 +284,11 @@ def _count_if_any(path: Path, rows: Iterator[tuple[int, str]], what: str) -> int
 def _chained(pieces: list[list[int]]) -> list[int]:
     """Vertices of a polygon from its sides in order, each in either direction; ValueError when they do not connect."""
     a, b = pieces[0]
-    if a in pieces[1]:
-        a, b = b, a
-    out = [a, b]
+    out = [b, a] if a in pieces[1] else [a, b]
     for piece in pieces[1:-1]:
         if out[-1] not in piece:
             raise ValueError("its lines are not connected")
         out.append(piece[0] if piece[1] == out[-1] else piece[1])
+    if {*pieces[-1]} != {out[-1], out[0]}:
+        raise ValueError("its lines are not connected")
     return out

@@ -125,6 +125,31 @@ def test_a_placed_cylinder_keeps_its_shape(tmp_path):
     np.testing.assert_allclose(structure.bounds, [[5, -0.5, -0.5], [7, 0.5, 0.5]], atol=1e-9)
 
 
+OF_LINES = """V1
+4
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+4
+0 1 name="a long side" minLineLengthThreshold=50
+1 2
+2 3
+3 0
+1
+4 0 1 2 3 name="the front, below the roof" useLod=true
+0
+0
+0
+"""
+
+
+def test_names_may_have_spaces_as_in_visp(tmp_path):
+    (tmp_path / "front.cao").write_text(OF_LINES)
+    read = read_cao(tmp_path / "front.cao")
+    assert area(read.vertices, read.triangles) == pytest.approx(1)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -144,6 +169,10 @@ def test_a_placed_cylinder_keeps_its_shape(tmp_path):
         (ROUND_CAO.format(circles="1\n0.5 1 2"), "a circle a radius and three points"),
         (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 9 0.5"), "a cylinder takes two existing points"),
         (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 0 0.5"), "a cylinder needs a positive length"),
+        (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 -1 0.5"), "a cylinder takes two existing points"),
+        (ROUND_CAO.format(circles="1\n0.5 1 -2 3"), "a circle a radius and three points"),
+        (OF_LINES.replace("2 3\n3 0\n", "2 3\n3 1\n"), "its lines are not connected"),
+        (OF_LINES.replace("1 2\n", "0 2\n"), "its lines are not connected"),
     ],
 )
 def test_a_wrong_model_is_told(text, message, tmp_path):
