@@ -24,8 +24,11 @@ from uavbench.trajectories.processes.reading_apart import refuse
 INPUT = Path("/dev/stdin")
 LAST_LINE, LAST_BYTES = b"END-ISO-10303-21;", 4096
 """Last line of a STEP file, and the bytes at the end of a file within which it must be."""
-UNSEEN = ("IfcSpace", "IfcOpeningElement", "IfcAnnotation", "IfcGrid", "IfcVirtualElement")
-"""IFC classes without visible geometry."""
+UNSEEN = (
+    "IfcSpace", "IfcSpatialZone", "IfcExternalSpatialElement", "IfcVirtualElement", "IfcOpeningElement",
+    "IfcVoidingFeature", "IfcAnnotation", "IfcGrid", "IfcStructuralItem", "IfcStructuralActivity",
+)  # fmt: skip
+"""IFC classes without visible geometry: spaces, cuts, drawings, models of structural analysis."""
 BODY = ("Body", "Facetation", "Tessellation")
 """Identifiers of representations that are surfaces or solids; others are axes, plans, boxes."""
 SHOWN = 5

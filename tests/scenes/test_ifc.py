@@ -202,3 +202,23 @@ def test_a_mirrored_element_faces_outwards(tmp_path: Path, element: str) -> None
         middle = part.vertices.mean(axis=0)
         a, b, c = (part.vertices[part.triangles[:, k]] - middle for k in range(3))
         assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0, part.name
+
+
+@needs_ifc
+@pytest.mark.parametrize(
+    ("schema", "other"),
+    [
+        ("IFC4", "IFCSPATIALZONE(@,$,.FIRESAFETY.)"),
+        ("IFC4", "IFCEXTERNALSPATIALELEMENT(@,$,$)"),
+        ("IFC4", "IFCVOIDINGFEATURE(@,$,.CUTOUT.)"),
+        ("IFC4", "IFCSTRUCTURALSURFACEMEMBER(@,.SHELL.,200.)"),
+        ("IFC2X3", "IFCSTRUCTURALSURFACEMEMBER(@,.SHELL.,200.)"),
+        ("IFC2X3", "IFCOPENINGELEMENT(@,$)"),
+    ],
+)
+def test_zones_cuts_and_structural_analysis_are_not_drawn(tmp_path: Path, schema: str, other: str) -> None:
+    zone = f"#41={other}".replace("@", "'0000000000000000000009',$,'other',$,$,#7,#34")
+    text = STEP.replace("ENDSEC;\nEND", f"{zone};\nENDSEC;\nEND").replace("IFC4", schema)
+    if schema == "IFC2X3":  # whose walls have no kind
+        text = text.replace("#16,$,$)", "#16,$)").replace("#23,$,$)", "#23,$)").replace(".SPACE.,$)", ".INTERNAL.,$)")
+    assert {part.name for part in build(tmp_path, text).parts} == {"plain", "red"}
