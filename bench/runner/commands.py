@@ -59,6 +59,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     """
     if where.slurm and where.shard:
         raise UserError(f"--slurm {where.slurm} submits every shard: leave out --shard {where.shard}, or --slurm")
+    if where.slurm_options and not where.slurm:
+        raise UserError(f"--slurm-option {where.slurm_options[0]}: add --slurm N, or all runs on this machine")
     suite = load_suite(suite_file(suite_name))
     if where.isolate:
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))

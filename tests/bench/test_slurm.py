@@ -94,3 +94,10 @@ def test_nothing_is_put_into_a_folder_of_others_nor_into_the_queue(queue, tmp_pa
     with pytest.raises(UserError, match=r"thesis: holds something other than uavbench's output: chapter\.tex"):
         bring_up_to("score", str(small_suite(tmp_path)), out, ExecutionOptions(slurm=2))
     assert [path.name for path in out.iterdir()] == ["chapter.tex"]
+
+
+def test_an_option_of_slurm_without_slurm_runs_nothing_here(tmp_path):
+    out, options = tmp_path / "out", ExecutionOptions(slurm_options=("slurm_partition=short",))
+    with pytest.raises(UserError, match=r"--slurm-option slurm_partition=short: add --slurm N"):
+        bring_up_to("score", str(small_suite(tmp_path)), out, options)
+    assert not out.exists()
