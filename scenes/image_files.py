@@ -67,6 +67,7 @@ def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR, bits: int = 
     """
     size_px(path, data)
     refuse_damage(path, data)
+    data = data if flags == cv2.IMREAD_UNCHANGED else _without_alpha(data)
     deep = flags in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE) and white_of(data) != WHITE_8
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags | (cv2.IMREAD_ANYDEPTH if deep else 0))
@@ -139,6 +140,20 @@ def refuse_damage(path: Path, data: bytes) -> None:
                 image.load()
     except Exception as error:  # Pillow's decoders may raise anything for damaged content
         raise UserError(f"{path}: the image is damaged: {error}; render or copy it again") from None
+
+
+def _without_alpha(data: bytes) -> bytes:
+    """Content of a TIFF of 8 bits as a PNG without its alpha, by which OpenCV multiplies colours; else as it is."""
+    if not data.startswith(TIFF):
+        return data
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with Image.open(io.BytesIO(data), formats=("TIFF",)) as image:
+            if image.mode != "RGBA":
+                return data
+            plain = io.BytesIO()
+            image.convert("RGB").save(plain, "PNG")
+            return plain.getvalue()
 
 
 def check_pixels(path: Path, width: int, height: int) -> None:

@@ -262,3 +262,14 @@ def test_a_damaged_texture_is_told(tmp_path):
     (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl w\nf 1/1 2/1 3/1\n")
     with pytest.raises(UserError, match=r"a\.obj: .*wall\.jpg: the image is damaged"):
         read_mesh(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("kind", ["png", "tiff", "webp"])
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+def test_alpha_darkens_no_image(tmp_path, kind, mode):
+    if (kind, mode) == ("webp", "LA"):
+        pytest.skip("WebP has colours alone")
+    image = Image.new(mode, (8, 6), (200, 100) if mode == "LA" else (200, 200, 200, 100))
+    image.save(tmp_path / f"a.{kind}", **({"lossless": True} if kind == "webp" else {}))
+    for flags in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE):
+        assert np.unique(load_image(tmp_path / f"a.{kind}", flags)).tolist() == [200]
