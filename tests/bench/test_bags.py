@@ -22,6 +22,8 @@ from scipy.spatial.transform import Rotation
 
 from uavbench.bench.cli.main import main
 from uavbench.scenes.camera import Camera
+from uavbench.trajectories.bags.poses import read_poses
+from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum
 
@@ -242,6 +244,19 @@ def test_a_path_through_the_tree_is_the_product_of_its_transforms(tmp_path, tum)
     ):
         assert told in refused("evaluate", tum, f"{folder}:{given}")
     assert "base_link.cam0" in refused("evaluate", tum, f"{folder}:/tf:odom.cam9")
+
+
+def test_a_transform_that_is_sent_again_and_again_without_a_change_is_fixed(tmp_path):
+    moved = transforms(("odom", "base_link"))
+    fixed = written(tmp_path / "fixed", {"/tf": moved, "/tf_static": transforms(("world", "odom"), moving=False)})
+    again = [(at, transforms(("world", "odom"), moving=False)[0][1]) for at, _ in moved]
+    for at, message in again:
+        message.transforms[0].header = header(at, "world")
+    both = written(tmp_path / "both", {"/tf": sorted([*moved, *again], key=lambda each: each[0])})
+    expected = read_poses(BagTopic(fixed, "/tf:world.base_link")).trajectory
+    found = read_poses(BagTopic(both, "/tf:world.base_link")).trajectory
+    assert np.array_equal(found.stamps_ns, expected.stamps_ns) and len(found) == ROWS
+    assert np.array_equal(found.positions_m, expected.positions_m)
 
 
 def crooked(change):

@@ -113,7 +113,10 @@ def _of_topic(bag: Bag, topic: str) -> _Rows:
 
 
 def _through_tree(bag: Bag, source: BagTopic, parent: str, child: str) -> Trajectory:
-    """Poses of a frame in one of its ancestors, through at most one transform that changes with time."""
+    """Poses of a frame in one of its ancestors, through at most one transform that changes with time.
+
+    A transform that is sent again and again with the same pose, as ROS 1 sends static ones, does not change.
+    """
     topic = source.topic.partition(":")[0]
     tree = _tree(bag, topic)
     known = f"the bag's transforms: {', '.join(sorted(f'{rows.parent}.{rows.child}' for rows in tree.values()))}"
@@ -126,7 +129,8 @@ def _through_tree(bag: Bag, source: BagTopic, parent: str, child: str) -> Trajec
             raise UserError(f"{bag.path}: {parent!r} is not an ancestor of {child!r} in {topic}; {known}")
         chain.insert(0, tree[here])
         here = tree[here].parent
-    moving = [k for k, rows in enumerate(chain) if len(rows.stamps_ns) > 1]
+    sent = [k for k, rows in enumerate(chain) if len(rows.stamps_ns) > 1]
+    moving = [k for k in sent if len(set(chain[k].poses)) > 1] or sent
     if len(moving) != 1:
         names = " and ".join(f"{chain[k].parent}.{chain[k].child}" for k in moving) or "none"
         raise UserError(
