@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from uavbench.reports.metrics.quaternions import conjugate, multiply, normalized, rotate
 from uavbench.scenes.dataset.ground_truth_files import MOUNTS_FILE
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
+from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
 from uavbench.trajectories.errors import UserError
@@ -44,6 +46,8 @@ EXPORT = "export.json"
 """Description of an export; it declares the frame for formats that cannot."""
 ROUNDING_S = 1e-3
 """Most by which a time in s may differ from its stamp in ns: many programs write milliseconds, or cut them off."""
+CAMERAS = "cameras"
+"""Folder of a sequence that holds those of its further cameras, and their table in sequence.json."""
 LEVELS = 4
 """Number of parent folders of a file that are searched for export.json."""
 
@@ -55,7 +59,8 @@ class Found:
     frame: declared frame such as `world_from_body`, None if the file declares none; for a bag `?` replaces a frame that
     the messages do not name. stamped: whether the stamps are times and not row numbers. covariances: of the poses, if
     the file has any. asked_ns: stamps of all frames that a tracker was given, with and without a pose, where its
-    frames.csv says so.
+    frames.csv says so. camera: name of the camera whose poses they are, None if no export declares it; optical: the
+    name before `_optical_frame` of a frame in a bag.
     """
 
     trajectory: Trajectory
@@ -65,6 +70,8 @@ class Found:
     stamped: bool = True
     covariances: PoseCovariances | None = None
     asked_ns: NDArray[np.int64] | None = None
+    camera: str | None = None
+    optical: str = ""
 
     def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
         """The trajectory converted to another moving frame, body or camera; frame: as in `world_from_cam`."""
@@ -87,8 +94,10 @@ def find_trajectory(path: Path, format: str | None = None) -> Found:
     The format is detected unless it is given. UserError naming the file when it is invalid or holds no trajectory.
     """
     if format in (None, "bag") and (bag := _bag(path)) is not None:
-        poses = read_poses(bag)
-        return Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame, covariances=poses.covariances)
+        poses, main = read_poses(bag), _exported(bag.bag).camera
+        found = Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame, covariances=poses.covariances)
+        named = poses.camera if main is None or poses.camera != MAIN else main
+        return replace(found, camera=named if main and named else None, optical=named)
     file = _in_folder(path) if path.is_dir() else path
     return _with_frames_beside(_of_file(file, format), claims=path.is_dir())
 
@@ -96,8 +105,12 @@ def find_trajectory(path: Path, format: str | None = None) -> Found:
 def _of_file(file: Path, format: str | None) -> Found:
     if format == "uavbench" or (format is None and _is_table(file)):
         return _of_table(file)
-    name = format or guess_format(file)
-    frame = declared_frame(file) or _exported_frame(file)
+    found = _of_rows(file, format or guess_format(file))
+    return replace(found, camera=_exported(file).camera) if (found.frame or "").endswith("_from_cam") else found
+
+
+def _of_rows(file: Path, name: str) -> Found:
+    frame = declared_frame(file) or _exported(file).frame
     if name == "tum":
         tum = read_covariant_tum(file)
         return Found(tum.trajectory, file, name, frame, covariances=tum.covariances)
@@ -110,12 +123,28 @@ def _of_file(file: Path, format: str | None) -> Found:
     return Found(Trajectory(stamps, trajectory.positions_m, trajectory.quaternions_wxyz), file, name, frame)
 
 
-def mount_of(folder: Path) -> Pose:
-    """`cam_from_body` of a sequence folder or of a tracker's results; UserError when it is missing or invalid."""
-    file = next((folder / name for name in ("sequence.json", "record.json") if (folder / name).is_file()), None)
+def mount_of(folder: Path, of: Found | None = None) -> Pose:
+    """`cam_from_body` of a sequence folder, of that of one of its cameras, or of a tracker's results.
+
+    of: the poses to convert; those of a further camera have its mount. UserError when it is missing or invalid.
+    """
+    place = folder.resolve()
+    further = place.parent.name == CAMERAS and not (place / "sequence.json").is_file()
+    above = place.parent.parent if further else folder
+    file = next((above / name for name in ("sequence.json", "record.json") if (above / name).is_file()), None)
     if file is None:
         raise UserError(f"{folder}: holds neither sequence.json nor record.json, which describe the camera's mounting")
-    found = read_json(file)
+    about = read_json(file)
+    others = about.get(CAMERAS)
+    tables = {MAIN: about, **(others if isinstance(others, dict) else {})}
+    declared = of.camera if of else None
+    name = place.name if further else declared or (of.optical if of and of.optical in tables else MAIN)
+    if of and (name not in tables or declared not in (None, name)):
+        raise UserError(
+            f"{of.file} has the poses of the camera {declared or name!r}, whose mount {folder} does not have; name the "
+            "folder of the sequence with this camera"
+        )
+    found = tables.get(name, {})
     if found.get("cam_from_body") == MOUNTS_FILE:
         raise UserError(
             f"{file}: the camera is on a gimbal, so no one mount converts its poses to those of the body; compare "
@@ -238,15 +267,27 @@ def _with_frames_beside(found: Found, *, claims: bool) -> Found:
     return replace(found, covariances=beside.covariances)
 
 
-def _exported_frame(file: Path) -> str | None:
-    """Frame of a file's poses as declared in the export.json of its export; None without one."""
+class Declared(NamedTuple):
+    """What the export.json of an export declares of a file: the frame of its poses, and the camera of its images."""
+
+    frame: str | None = None
+    camera: str | None = None
+
+
+def _exported(file: Path) -> Declared:
+    """What an export declares of one of its files; nothing of other files."""
     here = file.resolve()
     for folder in here.parents[:LEVELS]:
         if (folder / EXPORT).is_file():
-            frames = read_json(folder / EXPORT).get("frames", {})
-            said = frames.get(here.relative_to(folder).as_posix()) if isinstance(frames, dict) else None
-            return said if isinstance(said, str) else None
-    return None
+            about = read_json(folder / EXPORT)
+            frames, camera = about.get("frames", {}), about.get("camera")
+            files = frames if isinstance(frames, dict) else {}
+            name = here.relative_to(folder).as_posix()
+            said = next((files[each] for each in (name, f"{name}/bag.db3") if each in files), None)
+            if not isinstance(said, str):
+                return Declared()
+            return Declared(said, camera if isinstance(camera, str) else None)
+    return Declared()
 
 
 def _kitti_stamps(file: Path, count: int) -> np.ndarray | None:

@@ -11,8 +11,9 @@ from uavbench.trajectories.errors import UserError
 def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: Alignment) -> Found:
     """The estimate converted to the frame of the reference; UserError when they declare incompatible frames.
 
-    The moving frames may differ if a mount is given, the fixed frames if the estimate is aligned. UserError also if a
-    mount is given and one of the two does not declare its moving frame.
+    The moving frames may differ if a mount is given, the fixed frames if the estimate is aligned. Poses of a further
+    camera are converted by its own mount. UserError also if a mount is given and one of the two does not declare its
+    moving frame, and for poses of different cameras.
     """
     if mount is not None:
         _refuse_unsaid(reference, estimate)
@@ -25,6 +26,8 @@ def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: A
             "fixed frames cannot be compared without alignment. Give --align, such as se3 or yaw; or --ignore-frames "
             "if both names mean the same frame"
         )
+    if moving == other_moving == "cam":
+        _refuse_other_camera(reference, estimate)
     if moving == other_moving or UNSAID in (moving, other_moving):
         return estimate
     if mount is None or not {moving, other_moving} <= {"body", "cam"}:
@@ -33,7 +36,18 @@ def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: A
             "frames cannot be compared. Give files with the same frame; or --mount SEQUENCE, the folder of the "
             "sequence whose cam_from_body converts the estimate; or --ignore-frames if both names mean the same frame"
         )
-    return estimate.seen_as(f"{other_fixed}_from_{moving}", mount_of(mount))
+    of = estimate if other_moving == "cam" else reference
+    return estimate.seen_as(f"{other_fixed}_from_{moving}", mount_of(mount, of))
+
+
+def _refuse_other_camera(reference: Found, estimate: Found) -> None:
+    """Raise UserError when two exports declare poses of different cameras, one beside the other on the body."""
+    if None not in (reference.camera, estimate.camera) and reference.camera != estimate.camera:
+        raise UserError(
+            f"{reference.file} has the poses of the camera {reference.camera!r}, and {estimate.file} those of "
+            f"{estimate.camera!r}: poses of different cameras cannot be compared. Export the same camera (--camera); "
+            "or give --ignore-frames if it does not matter"
+        )
 
 
 def _refuse_unsaid(*files: Found) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.tables import column_names
@@ -35,6 +36,11 @@ class Held:
     moving_mounts: bool = False
     readme: str = "README.md"
     camera_axes: str = "camera x right, y down, z forward; pixel centres at whole numbers"
+
+
+def shown_name(sequence: Sequence) -> str:
+    """Name of the camera that a sequence is of: MAIN, or that of a further camera that is exported in its place."""
+    return MAIN if sequence.vehicle is None else sequence.folder.name
 
 
 def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
@@ -129,13 +135,15 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
         "format": format,
         "sequence": sequence.name,
         "content_hash": sequence.content_hash,
+        "camera": shown_name(sequence),
         "undistorted": undistorted,
         "frames": held.frames,
         "not_held": missing,
     }
     write_text(folder / "export.json", json.dumps(about, indent=1) + "\n")
+    of = "" if shown_name(sequence) == MAIN else f", camera `{shown_name(sequence)}`"
     lines = [
-        f"# {sequence.name} in the format {format}",
+        f"# {sequence.name}{of} in the format {format}",
         "",
         "Exported by uavbench. Metres and seconds unless a line says otherwise; the world is the structure's frame, z "
         f"up; body x forward, y left, z up; {held.camera_axes}. The stamp of an image is the middle of its exposure.",

@@ -17,11 +17,10 @@ from uavbench.scenes.exports.euroc import export_euroc, holds_lens
 from uavbench.scenes.exports.kalibr import export_kalibr
 from uavbench.scenes.exports.kitti import export_kitti
 from uavbench.scenes.exports.nerfstudio import export_transforms
-from uavbench.scenes.exports.notes import Held, write_notes
+from uavbench.scenes.exports.notes import Held, shown_name, write_notes
 from uavbench.scenes.exports.ros.bag import BagExport
 from uavbench.scenes.exports.shown_images import Shown, camera_ground_truth, png
 from uavbench.scenes.image_files import begin_video, finish_video
-from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.trajectory_files.formats import seconds, write_tum
@@ -89,11 +88,6 @@ def export(
             raise UserError(f"{sequence.folder}: has data that cannot be exported: {error}; render it again") from error
         write_croissant(sequence, new, held, not_held)
         return not_held
-
-
-def shown_name(sequence: Sequence) -> str:
-    """Name of the camera that a sequence is of: MAIN, or that of a further camera that is exported in its place."""
-    return MAIN if sequence.vehicle is None else sequence.folder.name
 
 
 def _with_settings(format: str, settings: dict[str, Any]) -> Write:

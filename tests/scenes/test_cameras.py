@@ -19,6 +19,7 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
 from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.tasks import Render
+from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import body_of
 from uavbench.scenes.dataset.sequence import Sequence
@@ -415,6 +416,51 @@ def test_another_camera_alone_is_exported_with_the_sensors_of_the_body(
         alone, both = read(tmp_path / "right"), read(tmp_path / "whole")
         assert [time for time, _ in alone["/odom"]] == [time for time, _ in both["/odom"]]
         assert len(alone["/imu/data_raw"]) == len(both["/imu/data_raw"])
+
+
+@pytest.fixture(scope="module")
+def poses_of(three: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of exports to TUM of the main camera and of `right`, of bags of both, and of a bag alone."""
+    folder = tmp_path_factory.mktemp("poses")
+    for name, each in {"main": three, "right": three.cameras["right"]}.items():
+        export(each, "tum", folder / name)
+        export(each, "mcap", folder / f"bag-{name}")
+    (folder / "moved.mcap").write_bytes((folder / "bag-main" / "bag.mcap").read_bytes())
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("estimate", "mount"),
+    [
+        ("main", ""),
+        ("right", ""),
+        ("right", "cameras/right"),
+        ("bag-main/bag.mcap:/tf:world.camera_optical_frame", ""),
+        ("bag-main/bag.mcap:/tf:world.right_optical_frame", ""),
+        ("bag-right/bag.mcap:/tf:world.camera_optical_frame", ""),
+        ("moved.mcap:/tf:world.right_optical_frame", ""),
+    ],
+)
+def test_poses_of_each_camera_are_converted_by_its_own_mount(
+    three: Sequence, poses_of: Path, estimate: str, mount: str
+) -> None:
+    found = evaluate_files(three.folder, poses_of / estimate, mount=three.folder / mount)
+    assert found.ate["translation_m"].max < 1e-9 and found.ate["rotation_deg"].max < 1e-6
+
+
+def test_poses_of_different_cameras_are_not_compared(three: Sequence, poses_of: Path) -> None:
+    main, right, mcap = poses_of / "main", poses_of / "right", poses_of / "bag-main" / "bag.mcap"
+    with pytest.raises(UserError, match=r"'camera', and .*groundtruth.txt those of 'right': poses of different"):
+        evaluate_files(main, right)
+    with pytest.raises(UserError, match=r"camera 'right', whose mount .*cameras/late does not have"):
+        evaluate_files(three.folder, right, mount=three.folder / "cameras" / "late")
+    with pytest.raises(UserError, match="poses of different cameras"):
+        evaluate_files(f"{mcap}:/tf:world.camera_optical_frame", right)
+    evaluate_files(main, right, ignore_frames=True)
+    (poses_of / "own.tum").write_text((main / "groundtruth.txt").read_text())  # as of a program that names no camera
+    evaluate_files(right, poses_of / "own.tum")
+    assert json.loads((right / "export.json").read_text())["camera"] == "right"
+    assert (right / "README.md").read_text().startswith("# one, camera `right` in the format tum")
 
 
 def test_undistorted_images_of_every_camera_are_told(three: Sequence, tmp_path: Path) -> None:

@@ -38,12 +38,14 @@ UNSAID = "?"
 class BagPoses:
     """Trajectory of a topic and its frames, such as `world_from_body`; ? where the messages name none.
 
-    covariances: those given in the messages, None if there are none.
+    camera: the name before `_optical_frame` where the poses are those of such a frame, else "". covariances: those
+    given in the messages, None if there are none.
     """
 
     trajectory: Trajectory
     source: BagTopic
     frame: str
+    camera: str = ""
     covariances: PoseCovariances | None = None
 
 
@@ -75,7 +77,8 @@ def read_poses(source: BagTopic) -> BagPoses:
         else:
             rows = _of_topic(bag, topic)
             parent, child, found = rows.parent, rows.child, _covariant(named, rows)
-        return BagPoses(found.trajectory, named, f"{_fixed(parent)}_from_{_moving(child)}", found.covariances)
+        frame = f"{_fixed(parent)}_from_{_moving(child)}"
+        return BagPoses(found.trajectory, named, frame, _camera(child), found.covariances)
 
 
 def _only(bag: Bag) -> str:
@@ -246,3 +249,9 @@ def _moving(name: str) -> str:
     if plain in BODY:
         return "body"
     return "cam" if plain.endswith(OPTICAL) else plain or UNSAID
+
+
+def _camera(name: str) -> str:
+    """Name of the camera of an optical frame, "" for other frames."""
+    plain = name.lstrip("/")
+    return next((plain.removesuffix(end) for end in OPTICAL if plain.endswith(end)), "")
