@@ -1,5 +1,6 @@
 """Executors of jobs: local spawned processes, or a Dask cluster."""
 
+import logging
 import multiprocessing
 import threading
 from collections import deque
@@ -202,7 +203,9 @@ def dask_pool(address: str, workers: int, folder: Path) -> Iterator[Pool]:
         raise UserError("--dask needs Dask: pip install 'uavbench[dask]'") from None
     try:
         if address == "local":
-            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            )  # its workers would log the traceback of each job that fails, which `tell` reports
             client = Client(cluster)
         else:
             cluster, client = None, Client(address)

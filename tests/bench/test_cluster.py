@@ -49,6 +49,13 @@ class Slow:
             log.write(f"{self.marker.stem}\n")
 
 
+class Mistaken:
+    """A job that a user's mistake ends."""
+
+    def __call__(self, content_hash, on_step):
+        raise UserError("the path leaves the room")
+
+
 def jobs_in(folder, count):
     return [
         Job(verb="track", name=f"j{i}", work=Slow(folder / f"j{i}.json", dies=i == 8), marker=folder / f"j{i}.json",
@@ -98,6 +105,15 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(cluster, tmp_pa
     assert sorted(ended) == sorted(job.name for job in jobs), "each job ended once"
     begun = [line.split() for line in (tmp_path / "begun.log").read_text().splitlines()]
     assert len({pid for name, pid in begun if name == "j8"}) == 2, "another worker took its job over"
+
+
+def test_a_users_mistake_on_a_local_dask_cluster_shows_no_traceback(tmp_path, capfd):
+    (tmp_path / "suite.json").write_text("{}")
+    job = Job(verb="track", name="j", work=Mistaken(), marker=tmp_path / "j.json", content_hash=content_hash(1))
+    with dask_pool("local", 1, tmp_path) as (executor, progress):
+        outcome = run_graph([job], executor, progress)
+    assert outcome.failed == {"j": "the path leaves the room"}
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 def test_a_worker_that_may_run_the_old_text_of_a_plugin_is_refused(cluster, tmp_path):
