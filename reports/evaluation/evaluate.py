@@ -8,7 +8,7 @@ from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
 from uavbench.reports.evaluation.find_trajectory import Found
 from uavbench.reports.evaluation.frames import in_one_frame
 from uavbench.reports.evaluation.options import OWN_MODE, EvaluateOptions, Options, chosen_options
-from uavbench.reports.evaluation.same_sequence import doubts_of_sequence
+from uavbench.reports.evaluation.same_sequence import doubts_of_clocks, doubts_of_sequence
 from uavbench.reports.evaluation.trajectory_input import Given, found_in, name_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import given_path
@@ -70,6 +70,7 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
     except UserError as error:
         raise UserError(f"{reference.name} against {estimate.name}: {error}") from None
     done.record["doubts"] += doubts_of_sequence(first.file, second.file)
+    done.record["doubts"] += doubts_of_clocks(first.clock, second.clock, chosen.offset_s)
     return done
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ IN_FOLDERS = (
     "poses.txt",
 )
 """Trajectory files by which a folder is searched: of a sequence, of results, of an export to EuRoC, TUM or KITTI."""
+OF_BODY = ("euroc", "mcap", "rosbag2")
+"""Exports whose poses have the stamps of the body's clock; those of others have the stamps of the images."""
 BAGS = ("bag.mcap", "bag")
 """Names of the bag in an export to MCAP or rosbag2."""
 EXPORT = "export.json"
@@ -52,6 +54,16 @@ LEVELS = 4
 """Number of parent folders of a file that are searched for export.json."""
 
 
+class Clock(NamedTuple):
+    """Whether stamps are those of the body's clock or of its cameras', and by how much they differ, as far as is known.
+
+    shift_ns: t_body = t_cameras + shift, as in Kalibr; 0 where it is not recorded.
+    """
+
+    of_body: bool
+    shift_ns: int
+
+
 @dataclass(frozen=True)
 class Found:
     """A trajectory with its file and format.
@@ -60,7 +72,7 @@ class Found:
     the messages do not name. stamped: whether the stamps are times and not row numbers. covariances: of the poses, if
     the file has any. asked_ns: stamps of all frames that a tracker was given, with and without a pose, where its
     frames.csv says so. camera: name of the camera whose poses they are, None if no export declares it; optical: the
-    name before `_optical_frame` of a frame in a bag.
+    name before `_optical_frame` of a frame in a bag; clock: that of the stamps, None where no record tells it.
     """
 
     trajectory: Trajectory
@@ -72,6 +84,7 @@ class Found:
     asked_ns: NDArray[np.int64] | None = None
     camera: str | None = None
     optical: str = ""
+    clock: Clock | None = None
 
     def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
         """The trajectory converted to another moving frame, body or camera; frame: as in `world_from_cam`."""
@@ -94,19 +107,20 @@ def find_trajectory(path: Path, format: str | None = None) -> Found:
     The format is detected unless it is given. UserError naming the file when it is invalid or holds no trajectory.
     """
     if format in (None, "bag") and (bag := _bag(path)) is not None:
-        poses, main = read_poses(bag), _exported(bag.bag).camera
+        poses, (_, main, clock) = read_poses(bag), _exported(bag.bag)
         found = Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame, covariances=poses.covariances)
         named = poses.camera if main is None or poses.camera != MAIN else main
-        return replace(found, camera=named if main and named else None, optical=named)
+        return replace(found, camera=named if main and named else None, optical=named, clock=clock)
     file = _in_folder(path) if path.is_dir() else path
     return _with_frames_beside(_of_file(file, format), claims=path.is_dir())
 
 
 def _of_file(file: Path, format: str | None) -> Found:
     if format == "uavbench" or (format is None and _is_table(file)):
-        return _of_table(file)
-    found = _of_rows(file, format or guess_format(file))
-    return replace(found, camera=_exported(file).camera) if (found.frame or "").endswith("_from_cam") else found
+        return replace(_of_table(file), clock=_own_clock(file))
+    found, declared = _of_rows(file, format or guess_format(file)), _exported(file)
+    camera = declared.camera if (found.frame or "").endswith("_from_cam") else None
+    return replace(found, camera=camera, clock=declared.clock or _own_clock(file))
 
 
 def _of_rows(file: Path, name: str) -> Found:
@@ -268,10 +282,11 @@ def _with_frames_beside(found: Found, *, claims: bool) -> Found:
 
 
 class Declared(NamedTuple):
-    """What the export.json of an export declares of a file: the frame of its poses, and the camera of its images."""
+    """What an export.json declares of a file: the frame of its poses, the camera of the images, and its clock."""
 
     frame: str | None = None
     camera: str | None = None
+    clock: Clock | None = None
 
 
 def _exported(file: Path) -> Declared:
@@ -286,8 +301,24 @@ def _exported(file: Path) -> Declared:
             said = next((files[each] for each in (name, f"{name}/bag.db3") if each in files), None)
             if not isinstance(said, str):
                 return Declared()
-            return Declared(said, camera if isinstance(camera, str) else None)
+            clock = Clock(about.get("format") in OF_BODY, _shift_ns(about))
+            return Declared(said, camera if isinstance(camera, str) else None, clock)
     return Declared()
+
+
+def _own_clock(file: Path) -> Clock | None:
+    """Clock of a file in the folder of a sequence, of one of its cameras, or of results; None for other files."""
+    for record in (file.with_name("sequence.json"), file.parent.parent.parent / "sequence.json"):
+        if record.is_file() and file.name in ("groundtruth.csv", "flight.csv"):
+            return Clock(file.name == "flight.csv", _shift_ns(read_json(record)))
+    of_results = file.name == "frames.csv" or file.name.startswith(("estimate_", "groundtruth_"))
+    return Clock(of_body=False, shift_ns=0) if of_results and file.with_name("record.json").is_file() else None
+
+
+def _shift_ns(about: dict[str, Any]) -> int:
+    """The offset of the cameras' clock in a record; 0 if there is none."""
+    shift_ns = about.get("timeshift_cam_imu_ns", 0)
+    return shift_ns if isinstance(shift_ns, int) else 0
 
 
 def _kitti_stamps(file: Path, count: int) -> np.ndarray | None:

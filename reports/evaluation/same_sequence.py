@@ -1,4 +1,4 @@
-"""Whether two files of uavbench are of one sequence, by the hashes in the records beside them.
+"""Whether two files of uavbench are of one sequence and of one clock, by the records beside them.
 
 The stamps of all sequences begin at 0, so that the poses of one pair with the ground truth of any other.
 """
@@ -8,12 +8,31 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from uavbench.reports.evaluation.find_trajectory import Clock
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.intact import refuse_damaged
 
 OURS = re.compile(r"(groundtruth|flight|frames)\.csv|(estimate|groundtruth)_world_from_(body|cam)\.tum")
 """Names of the files with poses in the folder of a sequence or of results."""
+SAME_TIME_S = 1e-6
+"""Difference of offsets that is none."""
+
+
+def doubts_of_clocks(reference: Clock | None, estimate: Clock | None, offset_s: float) -> Iterator[str]:
+    """A sentence where one file has the cameras' stamps, the other the body's, and offset_s is not what lies between.
+
+    offset_s: added to the stamps of the estimate.
+    """
+    if reference is None or estimate is None or reference.of_body == estimate.of_body:
+        return
+    shift_s = (reference.shift_ns or estimate.shift_ns) / 1e9 * (1 if reference.of_body else -1)
+    if abs(shift_s - offset_s) > SAME_TIME_S:
+        body, cameras = ("reference", "estimate") if reference.of_body else ("estimate", "reference")
+        yield (
+            f"the stamps of the {body} are those of the body's clock, as of its IMU, those of the {cameras} of the "
+            f"cameras': give --t-offset {shift_s:g}, which is added to those of the estimate"
+        )
 
 
 class OfSequence(NamedTuple):

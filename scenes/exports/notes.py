@@ -136,6 +136,7 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
         "sequence": sequence.name,
         "content_hash": sequence.content_hash,
         "camera": shown_name(sequence),
+        "timeshift_cam_imu_ns": sequence.timeshift_cam_imu_ns,
         "undistorted": undistorted,
         "frames": held.frames,
         "not_held": missing,

@@ -463,6 +463,28 @@ def test_poses_of_different_cameras_are_not_compared(three: Sequence, poses_of: 
     assert (right / "README.md").read_text().startswith("# one, camera `right` in the format tum")
 
 
+def test_stamps_of_the_cameras_clock_against_those_of_the_body_are_doubted(
+    one: Sequence, shifted: Sequence, tmp_path: Path
+) -> None:
+    export(shifted, "mcap", tmp_path / "bag")
+    export(shifted, "tum", tmp_path / "tum")
+    export(one, "mcap", tmp_path / "not-shifted")
+    bag, tum = f"{tmp_path / 'bag' / 'bag.mcap'}:/odom", tmp_path / "tum"
+    for reference, estimate, offset_s in (
+        (shifted.folder, bag, -SHIFT_S),
+        (bag, shifted.folder, SHIFT_S),
+        (shifted.folder / "flight.csv", shifted.folder, SHIFT_S),
+        (bag, tum, SHIFT_S),
+    ):
+        apart = evaluate_files(reference, estimate, mount=shifted.folder, max_difference_s=0.02)
+        assert any(f"--t-offset {offset_s:g}, " in doubt for doubt in apart.record["doubts"])
+        found = evaluate_files(reference, estimate, mount=shifted.folder, max_difference_s=1e-6, t_offset_s=offset_s)
+        assert found.ate["translation_m"].max < 1e-9 and not any("clock" in each for each in found.record["doubts"])
+    for reference, estimate in ((shifted.folder, tum), (one.folder, f"{tmp_path / 'not-shifted' / 'bag.mcap'}:/odom")):
+        found = evaluate_files(reference, estimate, mount=shifted.folder)
+        assert not any("clock" in doubt for doubt in found.record["doubts"])
+
+
 def test_undistorted_images_of_every_camera_are_told(three: Sequence, tmp_path: Path) -> None:
     lines = export(three, "kalibr", tmp_path / "out", undistort=True)
     assert [line for line in lines if line.startswith("Lens")] == [
