@@ -259,6 +259,19 @@ def test_a_transform_that_is_sent_again_and_again_without_a_change_is_fixed(tmp_
     assert np.array_equal(found.positions_m, expected.positions_m)
 
 
+def test_parts_of_a_recording_without_its_metadata_are_told(tmp_path, tum):
+    folder = tmp_path / "recording"
+    for number in range(2):
+        part = written(tmp_path / f"part-{number}", {"/odom": rows()})
+        folder.mkdir(exist_ok=True)
+        shutil.copy(next(part.glob("*.mcap")), folder / f"recording_{number}.mcap")
+    told = refused("evaluate", tum, f"{folder}:/odom")
+    assert "recording: holds 2 bags, and no metadata.yaml" in told and f"ros2 bag reindex {folder}" in told
+    assert f"{folder / 'recording_0.mcap'}:/topic" in told
+    (folder / "recording_1.mcap").unlink()
+    assert evaluated(tum, f"{folder}:/odom")["record"]["pairs"] == ROWS
+
+
 def crooked(change):
     found = rows()
     change([message for _, message in found])

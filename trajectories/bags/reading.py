@@ -99,13 +99,15 @@ class Bag:
 
 
 def bag_topic(given: Path) -> BagTopic | None:
-    """Bag and topic of `FILE` or `FILE:/topic`, if FILE is a bag by its suffix or its metadata.yaml; None otherwise."""
+    """Bag and topic of `FILE` or `FILE:/topic`, if FILE is a bag by its suffix or its metadata.yaml; None otherwise.
+
+    UserError for a topic of a folder with several bags that no metadata.yaml joins.
+    """
     text = str(given)
     if is_bag(given):
         return BagTopic(given)
     for place in (k for k, letter in enumerate(text) if letter == ":"):
-        bag = _file_in(Path(text[:place]))
-        if not given.exists() and is_bag(bag):
+        if not given.exists() and is_bag(bag := _file_in(Path(text[:place]))):
             topic = text[place + 1 :]
             return BagTopic(bag, topic if topic.startswith("/") else f"/{topic}")
     return None
@@ -120,11 +122,19 @@ def is_bag(path: Path) -> bool:
 
 
 def _file_in(path: Path) -> Path:
-    """The only bag file in a folder without metadata.yaml, as in an export; otherwise the path itself."""
+    """The only bag file in a folder without metadata.yaml, as in an export; otherwise the path itself.
+
+    UserError for several, which may be the parts of one recording.
+    """
     if not path.is_dir() or is_bag(path):
         return path
     files = [file for file in path.iterdir() if is_bag(file)]
-    return files[0] if len(files) == 1 else path
+    if len(files) > 1:
+        raise UserError(
+            f"{path}: holds {len(files)} bags, and no {METADATA} that joins the parts of a recording; write it with "
+            f"`ros2 bag reindex {path}`, or name one, as {min(files)}:/topic"
+        )
+    return files[0] if files else path
 
 
 @contextmanager
