@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
-from uavbench.tracker.robust.relocalization.edge_pixel_kernels import ORIENTATIONS
-from uavbench.tracker.robust.relocalization.pose_search_kernels import SmallCamera, orientation, seen_alike
+from uavbench.tracker.robust.relocalization.scoring.edge_pixel_kernels import ORIENTATIONS
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import SmallCamera, orientation, seen_alike
 from uavbench.trajectories.pose import Pose
 
 NOT_TINY = st.floats(-1e6, 1e6).filter(lambda x: x == 0.0 or abs(x) > 1e-6)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.relocalization.pose_search import Candidate
-from uavbench.tracker.robust.relocalization.pose_search_kernels import SeenEdges
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.scoring.pose_search import Candidate
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import SeenEdges
 from uavbench.trajectories.pose import Pose
 
 RELOCALIZATION = RobustConfig().relocalization

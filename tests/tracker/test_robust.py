@@ -22,7 +22,7 @@ from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support
 from uavbench.tracker.robust.patches.patches import Texture
-from uavbench.tracker.robust.relocalization.pose_search import CANDIDATES, PoseSearch, Reach
+from uavbench.tracker.robust.relocalization.scoring.pose_search import CANDIDATES, PoseSearch, Reach
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.visible_edges import near_depth

@@ -5,7 +5,7 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.tracker.geometry_kernels import RigidMotion, se3_exp_left, solve6
-from uavbench.tracker.robust.relocalization.pose_search_kernels import RIGID_MOTION
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import RIGID_MOTION
 from uavbench.tracker.robust.solver.sum_kernels import add_row
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array

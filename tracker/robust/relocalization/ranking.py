@@ -12,7 +12,7 @@ from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
-from uavbench.tracker.robust.relocalization.pose_search import Candidate
+from uavbench.tracker.robust.relocalization.scoring.pose_search import Candidate
 from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.trajectories.pose import Array, Pose
 

@@ -18,7 +18,9 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
-from uavbench.tracker.robust.relocalization.pose_search import (
+from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
+from uavbench.tracker.robust.relocalization.rivals import Rivals
+from uavbench.tracker.robust.relocalization.scoring.pose_search import (
     CANDIDATES,
     Candidate,
     PoseSearch,
@@ -26,9 +28,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
     Scored,
     grid,
 )
-from uavbench.tracker.robust.relocalization.pose_search_kernels import Target
-from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
-from uavbench.tracker.robust.relocalization.rivals import Rivals
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES

@@ -15,8 +15,8 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit, Searched
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Ranking, Sought
+from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, PoseStack
-from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch
-from uavbench.tracker.robust.relocalization.pose_search_kernels import seen_alike
+from uavbench.tracker.robust.relocalization.scoring.pose_search import Candidate, PoseSearch
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import seen_alike
 from uavbench.trajectories.pose import Array
 
 COMPARED = 12

@@ -14,9 +14,9 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
-from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support, ends_at
+from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import turned_about
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import RigidMotion, se3_exp_left
-from uavbench.tracker.robust.relocalization.edge_pixel_kernels import ORIENTATIONS
+from uavbench.tracker.robust.relocalization.scoring.edge_pixel_kernels import ORIENTATIONS
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array

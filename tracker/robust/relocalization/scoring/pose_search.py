@@ -22,8 +22,8 @@ from uavbench.tracker.robust.config.relocalization import SMALL_WIDTH
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
-from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_channels, truncate
-from uavbench.tracker.robust.relocalization.pose_search_kernels import (
+from uavbench.tracker.robust.relocalization.scoring.edge_pixel_kernels import edge_channels, truncate
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import (
     FAR,
     MIN_POINTS,
     OUTSIDE_SCORE,
