@@ -1,13 +1,12 @@
 """Compiled RANSAC: the camera motion that agrees with candidates of most edges (Fischler & Bolles 1981)."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import factor6, substitute6
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
-from uavbench.tracker.robust.solver.sum_kernels import add_row_of_pose
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
@@ -24,6 +23,8 @@ SCORED_POINTS = 96
 """Number of control points that score a hypothesis; limits its time: with all of them poses are no better."""
 DRAWS_PER_EDGE = 4
 """Random numbers per edge of a hypothesis: control point, other point of its edge, candidate, and one unused."""
+ABREAST = 4
+"""Hypotheses that are solved at once, as many as a register of most CPUs holds numbers; `solve_abreast` names each."""
 
 Indices = NDArray[np.int64]
 
@@ -48,16 +49,26 @@ def drawable(measured: EdgeMeasurements) -> Drawable:
     return Drawable(counts, edge)
 
 
+class Drawn(NamedTuple):
+    """Candidates of ABREAST hypotheses, in turn: rows (6, 6, a) of two for each edge, derivatives for the pose; their
+    distances (6, a) in px and information (6, a), 0 for none.
+    """
+
+    rows: Array
+    distance: Array
+    information: Array
+
+
 @inlined(allocates=False)
-def add_drawn(measured: EdgeMeasurements, of: Drawable, draws: Array, outlier_px: float, A: Array, b: Array) -> None:
-    """Add the candidates selected by `draws` (12,) to the normal equations (A, b), in place.
+def draw(measured: EdgeMeasurements, of: Drawable, draws: Array, information: float, drawn: Drawn, a: int) -> None:
+    """Write the candidates selected by `draws` (12,) as those of hypothesis a.
 
     Edges are drawn with a probability proportional to their number of control points: first a point, then its edge.
     """
     distance, J, first = measured.candidates.distance, measured.lines.jacobian, measured.points.first
     n, k = distance.shape
-    information = (SIGMAS_TO_OUTLIER / outlier_px) ** 2
     for s in range(EDGES_DRAWN):
+        drawn.information[2 * s, a] = drawn.information[2 * s + 1, a] = 0.0
         column = DRAWS_PER_EDGE * s
         p = min(n - 1, int(draws[column] * n))
         e = of.edge[p]
@@ -73,18 +84,74 @@ def add_drawn(measured: EdgeMeasurements, of: Drawable, draws: Array, outlier_px
                     d = distance[p, c]
                     break
                 pick -= 1
-        add_row_of_pose(A, b, J[p], d, information)
+        drawn.distance[2 * s, a], drawn.information[2 * s, a] = d, information
         near = np.inf
         for c in range(k):
             if abs(distance[q, c] - d) < abs(near - d):
                 near = distance[q, c]
         if q != p and near < np.inf:
-            add_row_of_pose(A, b, J[q], near, information)
+            drawn.distance[2 * s + 1, a], drawn.information[2 * s + 1, a] = near, information
+        for i in range(6):
+            drawn.rows[2 * s, i, a] = J[p, i]
+            drawn.rows[2 * s + 1, i, a] = J[q, i]
 
 
 @inlined(allocates=False)
-def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, outlier_px: float) -> float:
-    """Cost of a twist x (6,): truncated squared distances of the control points, plus the prior; aborted at `most`.
+def solve_abreast(drawn: Drawn, prior: Array, A: Array, x: Array) -> None:
+    """Solve the normal equations of ABREAST hypotheses with a prior (6, 6), in turn, by Cholesky into x (6, a).
+
+    NaN where they are not positive definite. A (6, 6, a) is room for them. Each root and quotient of one waits for the
+    last, but not for those of the others.
+    """
+    for a in range(ABREAST):
+        for i in range(6):
+            x[i, a] = 0.0
+            for j in range(i + 1):
+                A[i, j, a] = prior[i, j]
+    for s in range(2 * EDGES_DRAWN):
+        for a in range(ABREAST):
+            w = drawn.information[s, a]
+            if w > 0.0:
+                for i in range(6):
+                    wi = w * drawn.rows[s, i, a]
+                    x[i, a] += wi * drawn.distance[s, a]
+                    for j in range(i + 1):
+                        A[i, j, a] += wi * drawn.rows[s, j, a]
+    for i in range(6):
+        for j in range(i + 1):
+            s0, s1, s2, s3 = A[i, j, 0], A[i, j, 1], A[i, j, 2], A[i, j, 3]
+            for k in range(j):
+                s0 -= A[i, k, 0] * A[j, k, 0]
+                s1 -= A[i, k, 1] * A[j, k, 1]
+                s2 -= A[i, k, 2] * A[j, k, 2]
+                s3 -= A[i, k, 3] * A[j, k, 3]
+            if i == j:
+                A[i, i, 0] = math.sqrt(s0) if s0 > 0.0 else np.nan
+                A[i, i, 1] = math.sqrt(s1) if s1 > 0.0 else np.nan
+                A[i, i, 2] = math.sqrt(s2) if s2 > 0.0 else np.nan
+                A[i, i, 3] = math.sqrt(s3) if s3 > 0.0 else np.nan
+            else:
+                A[i, j, 0], A[i, j, 1] = s0 / A[j, j, 0], s1 / A[j, j, 1]
+                A[i, j, 2], A[i, j, 3] = s2 / A[j, j, 2], s3 / A[j, j, 3]
+    for step in range(12):
+        i = step if step < 6 else 11 - step
+        s0, s1, s2, s3 = x[i, 0], x[i, 1], x[i, 2], x[i, 3]
+        for k in range(0 if step < 6 else i + 1, i if step < 6 else 6):
+            r, c = (i, k) if step < 6 else (k, i)
+            s0 -= A[r, c, 0] * x[k, 0]
+            s1 -= A[r, c, 1] * x[k, 1]
+            s2 -= A[r, c, 2] * x[k, 2]
+            s3 -= A[r, c, 3] * x[k, 3]
+        x[i, 0], x[i, 1] = s0 / A[i, i, 0], s1 / A[i, i, 1]
+        x[i, 2], x[i, 3] = s2 / A[i, i, 2], s3 / A[i, i, 3]
+
+
+@inlined(allocates=False)
+def motion_costs(
+    measured: EdgeMeasurements, x: Array, prior: Array, most: float, outlier_px: float, cost: Array
+) -> None:
+    """Write the costs (a,) of twists x (6, a): truncated squared distances of the control points, plus the prior;
+    aborted when all are above `most`.
 
     Control points are thinned to about SCORED_POINTS.
     """
@@ -92,48 +159,59 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
     J, weight = measured.lines.jacobian, measured.weight
     n, k = distance.shape
     stride = max(1, n // SCORED_POINTS)
-    cost = 0.0
-    for i in range(6):
-        for j in range(6):
-            cost += 0.5 * x[i] * prior[i, j] * x[j]
-    for p in range(0, n, stride):
-        moved = 0.0
+    for a in range(ABREAST):
+        cost[a] = 0.0
         for i in range(6):
-            moved += J[p, i] * x[i]
-        least = 1.0
+            for j in range(6):
+                cost[a] += 0.5 * x[i, a] * prior[i, j] * x[j, a]
+    c0, c1, c2, c3 = cost[0], cost[1], cost[2], cost[3]
+    for p in range(0, n, stride):
+        moved0, moved1, moved2, moved3 = 0.0, 0.0, 0.0, 0.0
+        for i in range(6):
+            moved0 += J[p, i] * x[i, 0]
+            moved1 += J[p, i] * x[i, 1]
+            moved2 += J[p, i] * x[i, 2]
+            moved3 += J[p, i] * x[i, 3]
+        r0, r1, r2, r3 = outlier_px, outlier_px, outlier_px, outlier_px
         for c in range(k):
-            r = (distance[p, c] - moved) / outlier_px
-            least = min(least, r * r)
-        cost += weight[p] * least
-        if cost > most:
+            r0 = min(r0, abs(distance[p, c] - moved0))
+            r1 = min(r1, abs(distance[p, c] - moved1))
+            r2 = min(r2, abs(distance[p, c] - moved2))
+            r3 = min(r3, abs(distance[p, c] - moved3))
+        r0, r1, r2, r3 = r0 / outlier_px, r1 / outlier_px, r2 / outlier_px, r3 / outlier_px
+        c0 += weight[p] * (r0 * r0)
+        c1 += weight[p] * (r1 * r1)
+        c2 += weight[p] * (r2 * r2)
+        c3 += weight[p] * (r3 * r3)
+        if not (c0 <= most or c1 <= most or c2 <= most or c3 <= most):
             break
-    return cost
+    cost[0], cost[1], cost[2], cost[3] = c0, c1, c2, c3
 
 
 @compiled("measured f2 f2 f0", measured=EDGE_MEASUREMENTS)
 def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, outlier_px: float) -> Array:
     """The camera twist (6,) of least cost among all hypotheses.
 
-    draws (h, 12): uniform numbers; each hypothesis uses two candidates on each of three edges. prior (6, 6):
-    information of the predicted pose. Candidates beyond outlier_px are outliers. The first hypothesis is no motion.
+    draws (h, 12): uniform numbers, h a multiple of ABREAST; each hypothesis uses two candidates on each of three edges.
+    prior (6, 6): information of the predicted pose. Candidates beyond outlier_px are outliers. The first hypothesis is
+    no motion.
     """
-    n, of = len(measured.candidates.distance), drawable(measured)
-    best, best_cost = np.zeros(6), np.inf
-    x = np.zeros(6)
-    A, b = np.empty((6, 6)), np.empty(6)
-    for h in range(len(draws) + 1 if n > 0 else 0):
-        if h > 0:
-            for i in range(6):
-                b[i] = 0.0
-                for j in range(6):
-                    A[i, j] = prior[i, j]
-            add_drawn(measured, of, draws[h - 1], outlier_px, A, b)
-            if not factor6(A, A):
-                continue
-            substitute6(A, b, x)
-        cost = motion_cost(measured, x, prior, best_cost, outlier_px)
-        if cost < best_cost:
-            best_cost = cost
-            for i in range(6):
-                best[i] = x[i]
+    best, x, cost = np.zeros(6), np.zeros((6, ABREAST)), np.empty(ABREAST)
+    if len(measured.candidates.distance) == 0:
+        return best
+    of, information = drawable(measured), (SIGMAS_TO_OUTLIER / outlier_px) ** 2
+    drawn = Drawn(np.zeros((6, 6, ABREAST)), np.zeros((6, ABREAST)), np.zeros((6, ABREAST)))
+    A = np.empty((6, 6, ABREAST))
+    motion_costs(measured, x, prior, np.inf, outlier_px, cost)
+    best_cost = cost[0]
+    for h in range(0, len(draws), ABREAST):
+        for a in range(ABREAST):
+            draw(measured, of, draws[h + a], information, drawn, a)
+        solve_abreast(drawn, prior, A, x)
+        motion_costs(measured, x, prior, best_cost, outlier_px, cost)
+        for a in range(ABREAST):
+            if cost[a] < best_cost:
+                best_cost = cost[a]
+                for i in range(6):
+                    best[i] = x[i, a]
     return best
