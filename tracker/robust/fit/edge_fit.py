@@ -299,7 +299,8 @@ class EdgeFitter:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
         if fit.residuals is None:
             return
-        lines = self.search_lines(fit.residuals.points, self.view.at(fit.cam_from_world))
+        at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
+        lines = self.search_lines(fit.residuals.points, at)
         image = layered(image)
         seen = Seen(Images(image, self.sharp(image)), lines, fit.residuals)
         excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance_of_told, self.values)
@@ -308,7 +309,6 @@ class EdgeFitter:
         used = fit.residuals
         faces = found_faces(self.texture, used)
         learn_patches(self.memory, seen, fit, faces, dt_s, self.config.good_support)
-        at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
         learn_numbers(self.memory, used, faces, at, dt_s, shared_part)
 
 

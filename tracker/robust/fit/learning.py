@@ -106,6 +106,6 @@ def learn_numbers(
         moved = numbers.unmoved
     if not len(texture):
         biases.forget()  # the offsets of edges are relative to patches
-    elif moved.any() or not len(faces):  # then all patches are new
+    elif moved is not numbers.unmoved or not len(faces):  # then all patches are new
         of_all, pose = texture.patches.face[: len(texture)], Pose(at.R, at.t)
         texture.shift(faces if len(faces) else of_all, biases.follow(moved, pose), pose)

@@ -18,6 +18,7 @@ from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, Step
 from uavbench.tracker.robust.solver.sum_kernels import Weighting
 from uavbench.tracker.robust.view import View
+from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -81,8 +82,16 @@ class Searched(NamedTuple):
 
     def with_covariance(self, covariance: Array) -> "Searched":
         """The same matches, of a prediction with another covariance (6, 6)."""
-        prior = self.problem.prior._replace(information=inverse6(covariance))
-        return self._replace(problem=self.problem._replace(covariance=covariance, prior=prior))
+        problem, before = self.problem, self.problem.prior
+        prior = PosePrior(inverse6(covariance), before.R, before.t, before.known)
+        problem = Problem(problem.image, problem.view, covariance, prior, *problem[4:])
+        return Searched(problem, self.aligned, self.found, self.patches)
+
+
+@compiled("f2 f2 f2")
+def covariance_of_told(told: Array, information: Array, covariance: Array) -> Array:
+    """Covariance (6, 6) of a pose by what was told of it in place of the information of the step to it."""
+    return inverse6(told + (inverse6(covariance) - information))
 
 
 class FitResiduals(NamedTuple):
@@ -141,12 +150,12 @@ class Fit:
         if self.residuals is None or not len(self.residuals.step.to_numbers):
             return self.covariance
         step = self.residuals.step
-        return inverse6(step.told + (inverse6(self.covariance) - step.information))
+        return unchecked(covariance_of_told)(step.told, step.information, self.covariance)
 
     @property
     def sigma(self) -> float:
         """Standard deviation of the position, as a fraction of the range, or of the rotation, rad: the larger one."""
-        variance = np.diagonal(self.covariance).tolist()
+        variance = self.covariance.diagonal().tolist()
         return max(math.sqrt(sum(variance[:3])) / self.range_m, math.sqrt(sum(variance[3:])))
 
     @property

@@ -257,14 +257,22 @@ def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: A
     return Hits(n, any_lost)
 
 
-@compiled("patches i0 b1! f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
+@compiled("patches i0 i1 f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
 def shift_places(
-    patches: Patches, count: int, seen: NDArray[np.bool_], twist: Array, view: View, config: AlignmentConfig
+    patches: Patches, count: int, faces: Indices, twist: Array, view: View, config: AlignmentConfig
 ) -> None:
-    """Shift the patches of the seen faces (f,) on their planes such that their pixels do not change when the pose is
-    moved by a twist (6,).
+    """Shift the patches of the seen faces, rows (f,), on their planes such that their pixels do not change when the
+    pose is moved by a twist (6,).
     """
     middles, axes, R, t, cam = patches.middles, patches.axes, view.R, view.t, view.lens
+    last = 0
+    for p in range(count):
+        last = max(last, patches.face[p])
+    for face in faces:
+        last = max(last, face)
+    seen = np.zeros(last + 1, np.bool_)
+    for face in faces:
+        seen[face] = True
     row, c = np.empty(6), np.empty(3)
     for p in range(count):
         if not seen[patches.face[p]]:

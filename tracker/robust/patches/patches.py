@@ -82,9 +82,7 @@ class Texture:
         """Shift the patches of some faces on their planes so that their pixels at a pose are kept when it moves by a
         twist (6,).
         """
-        seen = np.zeros(len(self.edges.planes), dtype=np.bool_)
-        seen[faces] = True
-        unchecked(shift_places)(self.patches, self.count, seen, twist, self.view.at(pose), self.alignment)
+        unchecked(shift_places)(self.patches, self.count, faces, twist, self.view.at(pose), self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges.

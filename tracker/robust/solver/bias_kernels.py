@@ -334,7 +334,7 @@ def centre(state: BiasState, moved: Array, R: Array, t: Array) -> PatchError:
     return PatchError(product(adjoint(R, t), D), known)
 
 
-@compiled("f2 f2")
+@compiled("f2 f2", inner=True)
 def observability(E: Array, P: Array) -> float:
     """Observability of the pose by patches of information P (6, 6) relative to edges of information E (6, 6), 0 to 1.
 

@@ -9,8 +9,10 @@ which different viewpoints separate. Edges that look alike are offset alike, and
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import (
+    PatchError,
     accumulate,
     centre,
     explained_by_offsets,
@@ -18,10 +20,19 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     observability,
     prior_offsets,
 )
-from uavbench.tracker.robust.solver.bias_state import BIAS_STATE, BiasesInView, BiasState, EdgeOffsets, FrameSums
+from uavbench.tracker.robust.solver.bias_state import (
+    BIAS_STATE,
+    EDGE_OFFSETS,
+    FRAME_SUMS,
+    BiasesInView,
+    BiasState,
+    EdgeOffsets,
+    FrameSums,
+)
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array, Pose
 
@@ -29,7 +40,7 @@ Indices = NDArray[np.int64]
 NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
 
-@compiled("state f0", state=BIAS_STATE)
+@compiled("state f0", inner=True, allocates=False, state=BIAS_STATE)
 def fade(state: BiasState, part: float) -> None:
     """Forget a part of what the frames before said, in place."""
     kept, common = 1.0 - part, len(state.vector)
@@ -43,6 +54,36 @@ def fade(state: BiasState, part: float) -> None:
             state.offset_vector[e] *= kept
             for i in range(common):
                 state.cross[e, i] *= kept
+
+
+@compiled(
+    "state edges sums f1 pose f0 f0",
+    state=BIAS_STATE,
+    edges=EDGE_OFFSETS,
+    sums=FRAME_SUMS,
+    pose=named_tuple(RigidMotion, "f2 f1"),
+)
+def take_up(
+    state: BiasState,
+    edges: EdgeOffsets,
+    sums: FrameSums,
+    to_patches: Array,
+    at: RigidMotion,
+    new: float,
+    forgotten_part: float,
+) -> PatchError:
+    """Add a part `new` of a frame's sums to the state, in place, and forget so much of the frames before.
+
+    to_patches (6,): twist from the linearization point of the sums to the pose by the patches.
+    """
+    fade(state, forgotten_part * new)
+    edges_tell = np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            edges_tell[i, j] = sums.edge_information[i, j]
+    part = new * observability(edges_tell, sums.patch_information)
+    accumulate(state, edges, sums, to_patches, at.R, at.t, part)
+    return centre(state, np.zeros(len(state.vector) - 6), at.R, at.t)
 
 
 class NuisanceBiases:
@@ -95,13 +136,10 @@ class NuisanceBiases:
 
         to_patches (6,): twist from the linearization point of the sums to the pose by the patches.
         """
-        R, t, state = pose.rotation, pose.translation, self.state
-        new = min(1.0, dt_s / self.config.correlation_s)
-        unchecked(fade)(state, self.config.forgotten_part * new)
-        edges_tell = np.ascontiguousarray(sums.edge_information[:6, :6])
-        part = new * unchecked(observability)(edges_tell, sums.patch_information)
-        unchecked(accumulate)(state, edges, sums, to_patches, R, t, part)
-        return self.follow(np.zeros(len(state.vector) - 6), pose)
+        new, at = min(1.0, dt_s / self.config.correlation_s), RigidMotion(pose.rotation, pose.translation)
+        error = unchecked(take_up)(self.state, edges, sums, to_patches, at, new, self.config.forgotten_part)
+        self.known = error.known
+        return error.twist
 
     def follow(self, moved: Array, pose: Pose) -> Array:
         """Follow a change (r,) of the numbers by which edges are located; the patches' error as a twist (6,)."""
