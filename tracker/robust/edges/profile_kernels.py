@@ -76,8 +76,9 @@ def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
         b, a = y - i, x - j
         w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
         upper, lower = image[i], image[i + ONE]
-        for c in range(channels):
-            out[k, c] = w00 * upper[j, c] + w01 * upper[j + ONE, c] + w10 * lower[j, c] + w11 * lower[j + ONE, c]
+        out[k, 0] = w00 * upper[j, 0] + w01 * upper[j + ONE, 0] + w10 * lower[j, 0] + w11 * lower[j + ONE, 0]
+        out[k, 1] = w00 * upper[j, 1] + w01 * upper[j + ONE, 1] + w10 * lower[j, 1] + w11 * lower[j + ONE, 1]
+        out[k, 2] = w00 * upper[j, 2] + w01 * upper[j + ONE, 2] + w10 * lower[j, 2] + w11 * lower[j + ONE, 2]
     return True
 
 
