@@ -195,7 +195,7 @@ def test_an_inner_kernel_can_be_called_from_python_too():
 def test_a_kernel_comes_after_those_that_it_calls():
     order = [kernel.py_func.__name__ for kernel in in_order(kernels_of(["uavbench.tracker.robust.tracker"]))]
     assert order.index("rodrigues") < order.index("so3_exp") < order.index("se3_exp_left") < order.index("refine")
-    assert order.index("solve6") < order.index("inverse6")
+    assert order.index("factor6") < order.index("inverse6")
 
 
 def test_each_kernel_of_a_queue_is_taken_by_one_process():

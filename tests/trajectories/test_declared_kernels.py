@@ -24,6 +24,8 @@ def decorated(node):
     for decorator in getattr(node, "decorator_list", []):
         if isinstance(decorator, ast.Name) and decorator.id in ("compiled", "inlined"):
             return "for its callers"
+        if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "inlined":
+            return "for its callers"
         if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "compiled":
             return "inner" if any(word.arg == "inner" for word in decorator.keywords) else "as declared"
     return ""

@@ -193,6 +193,7 @@ def solve_step(
 
 @compiled(
     "measured matches biases prior view f1 estimator",
+    inner=True,
     measured=EDGE_MEASUREMENTS,
     matches=PATCH_MATCHES,
     biases=BIASES_IN_VIEW,
