@@ -24,7 +24,7 @@ from uavbench.trajectories.pose import Array, Pose
 
 SHARED = 48
 """Number of edge points by which shifts of the structure are scored, spread over all visible edges."""
-SHARED_EVALUATIONS = 40
+SHARED_EVALUATIONS = 4
 """Cost of looking up one of them, in evaluations (see `BudgetConfig`). Measured on the same core."""
 
 RIVALS = 6
@@ -63,6 +63,11 @@ class Rivals:
     def min_support(self) -> float:
         """Least support of a fit that has rivals, whatever chance may do."""
         return self.fitter.config.loss.min_support
+
+    @property
+    def cost(self) -> int:
+        """Evaluations in which the rivals of a fit are found."""
+        return len(self.similarity.shifts) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling
 
     def awaited(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> int:
         """Number of rivals for which a search leaves room.
@@ -165,7 +170,7 @@ class Rivals:
         pose = motion(fit.cam_from_world)
         tried.seen = self.searcher.seen(pose).points
         shares = self.shares(fit)
-        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling
+        self.fitter.work.done += self.cost
         places = [
             RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
         ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
-from uavbench.tracker.robust.relocalization.self_similarity_kernels import cell_keys, shares_on_edges
+from uavbench.tracker.robust.relocalization.self_similarity_kernels import on_edges, shares_on_edges, table_of_cells
 from uavbench.trajectories.pose import Array
 
 MOST_ALIKE = 400
@@ -45,7 +45,7 @@ class SelfSimilarity:
         places = ends[edge, 0] + part[:, None] * (ends[edge, 1] - ends[edge, 0])
         sides = (places[:, None] + SIDES * self.cell).reshape(-1, 3)
         directions = np.repeat(direction_numbers(along)[edge], len(SIDES))
-        self.passed = np.unique(cell_keys(sides, directions, self.cell))
+        self.passed = table_of_cells(sides, directions, self.cell)
 
     def shares(self, points: Array, along: Array) -> Array:
         """Fraction (k,) of points (n, 3) on edges of unit directions along (n, 3) that each shift maps onto an edge."""
@@ -55,9 +55,7 @@ class SelfSimilarity:
 
     def on_edges(self, points: Array, along: Array) -> NDArray[np.bool_]:
         """Mask (n,) of the points (n, 3) that lie on an edge of their unit direction along (n, 3)."""
-        keys = cell_keys(points, direction_numbers(along), self.cell)
-        at = np.minimum(np.searchsorted(self.passed, keys), len(self.passed) - 1)
-        return np.asarray(self.passed[at] == keys)
+        return np.asarray(on_edges(points, direction_numbers(along), self.cell, self.passed))
 
     def _repetitions(self, middles: Array, along: Array, lengths: Array) -> Array:
         """Shifts (k, 3) and their opposites, by descending length of edges that they map onto others."""
