@@ -292,10 +292,10 @@ class Decider:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
         others = [each.predicted.cam_from_world for each in frame.likely[1:MOST_GUESSES]]
-        own = frame.extrapolated_s > 0.0  # not the vehicle's
-        carried = self.state.motion.carried_on(frame.dt_s) if own else None
-        lasting = [carried] if carried else []
-        guesses = [predicted] if first else [predicted, *others, *lasting, self.state.motion.cam_from_world]
+        carried = self.state.motion.carried_on(frame.dt_s) if frame.extrapolated_s > 0.0 else None  # not the vehicle's
+        lasting, nearest = [carried] if carried else [], [predicted, *others]
+        nearest = nearest + lasting if frame.dt_s < self.config.motion.memory_s else lasting + nearest
+        guesses = [predicted] if first else [*nearest, self.state.motion.cam_from_world]
         if frame.step_s >= self.config.slow_s:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
@@ -316,11 +316,11 @@ class Decider:
             likely=frame.likely,
             lost=self.state.is_lost,
             carried=carried,
+            is_first=first,
         )
         found = self.relocator.search(sought)
         work.allowed += reserve
         given = first and self.is_as_given(fit)
-        # Before any pose is accepted only a given initial pose vouches for the place where a search ends.
         unvouched = first and not given
         searched = unvouched or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
         enough = self.state.holds(found.fit, frame.predicted, searched, not slow, self.recalled.landmarks)

@@ -6,49 +6,30 @@ moved with the prediction.
 """
 
 from collections.abc import Iterator
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
-from uavbench.tracker.robust.config.relocalization import FAR_VIEW_RAD
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
 from uavbench.tracker.robust.relocalization.rivals import Rivals
-from uavbench.tracker.robust.relocalization.scoring.pose_search import (
-    CANDIDATES,
-    Candidate,
-    PoseSearch,
-    Reach,
-    Scored,
-    grid,
-)
-from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
+from uavbench.tracker.robust.relocalization.rounds import Around, Rounds, best_first, taken
+from uavbench.tracker.robust.relocalization.scoring.pose_search import CANDIDATES, Candidate, PoseSearch
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
-FAR_RANGE_PART, FAR_SHIFT_PART = 0.25, 0.3
-"""Extent far from a guess of the relative range, and of shifts as a fraction of the image width. Limits the time of a
-complete search as `FAR_VIEW_RAD` does.
-"""
-LEAST_PART = 0.25
-"""Part of a viewing direction's poses, the likeliest first, for which a frame must have room if it begins with it."""
-FAR_STEP_FACTOR = 2.0
-"""Factor on the steps of roll and range far from a guess; the pattern search closes the gaps."""
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
 PERTURBATIONS = 24
 """Number of poses sampled around the best fit of a search."""
-BESIDE_TIMES = 2
-"""Steps in which the viewing direction of the best pose is improved: the extent of a slow or lost frame's guess."""
 
 
 class Relocalized(NamedTuple):
@@ -99,16 +80,7 @@ class Relocator:
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, fitter.config)
         self.rivals = Rivals(fitter, self.searcher, config)
         self.turned = TurnedPoses(fitter, self.searcher, config)
-        step = config.search
-        near = Reach(config.near_part, config.near_part, config.near_part)
-        far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
-        far = Reach(far_roll_rad, FAR_RANGE_PART, FAR_SHIFT_PART, FAR_STEP_FACTOR)
-        self.near_block = self.searcher.block(0.0, 0.0, near)
-        self.far_blocks = [self.searcher.block(*turn, far) for turn in views(step.view_step_rad)]
-        nearest = Reach(step.step_part, step.step_part, step.truncation_px / self.searcher.size[0])
-        turn = self.searcher.turn_rad
-        sides = (Turn(turn, 0.0), Turn(-turn, 0.0), Turn(0.0, turn), Turn(0.0, -turn))
-        self.sides = [self.searcher.block(*side, nearest) for side in sides]
+        self.rounds = Rounds(self.searcher, config)
         self.known_sigma = fitter.config.initialization.sigma
         self.forget()
 
@@ -118,7 +90,8 @@ class Relocator:
         self.best_before: RigidMotion | None = None
         self.kept: list[Candidate] = []
         self.tried = TriedPoses(self.searcher)
-        self.next_change = self.next_block = self.perturbations = 0
+        self.slices = self.perturbations = 0
+        self.rounds.begin()
         self.near_done = self.found_before = False
 
     @property
@@ -133,11 +106,11 @@ class Relocator:
         self.move_along(guesses[0] if sought.carried is None else motion(sought.carried))
         recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
-        left = self.fit_in_turn(self.at_guesses([*recalled, *guesses], ranking), sought, ranking)
+        left = self.fit_in_turn(self.likely(guesses, recalled, ranking), sought, ranking)
         if not left and work.left >= DISTANCES:
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
             work.done += DISTANCES
-            candidates = self.score(target, guesses, ranking, self.is_uncertain(sought))
+            candidates = self.score(Around(target, guesses), ranking, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried)
         usual = ranking.top.support >= sought.sure or (sought.thorough and ranking.is_expected)
@@ -153,9 +126,10 @@ class Relocator:
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         self.found_before = ranking.is_found
-        searched = self.next_block >= len(self.far_blocks) * len(guesses)
-        all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
-        done = Done(self.near_done, all_done)
+        all_done = self.rounds.is_complete(len(guesses)) and (exhausted or len(self.tried) >= MOST_FITS)
+        # Where nothing vouches for the place, poses about the best ones are fitted, too.
+        vouched = not sought.is_first or self.is_as_given(ranking.top, sought)
+        done = Done(self.near_done and (vouched or self.perturbations >= PERTURBATIONS), all_done)
         return self.relocalized(ranking, sought, done, leads, rivalled=compared.any and not leads)
 
     def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
@@ -166,6 +140,11 @@ class Relocator:
     def located(self, fit: Fit, sought: Sought) -> Fit:
         """The fit, with its edges located between the pixels if it is one of the search."""
         return fit if fit is sought.first else self.fitter.located(fit, StageClock())
+
+    def is_as_given(self, fit: Fit, sought: Sought) -> bool:
+        """Whether a fit ends where the given one does."""
+        given = sought.first
+        return given is not None and given.finite and self.turned.ends_at(fit, given, sought.range_m)
 
     def confirm(self, sought: Sought) -> Relocalized:
         """Compare the given fit with its rivals, the poses at which the structure looks alike."""
@@ -184,7 +163,8 @@ class Relocator:
         """
         clock = StageClock()
         for attempt in attempts:
-            if not self.fitter.has_room_for(1 + self.rivals.awaited(sought, ranking, self.tried)):
+            fits = 1 + self.rivals.awaited(sought, ranking, self.tried)
+            if self.fitter.work.left < self.fitter.cost(fits) + self.rivals.cost:
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
@@ -238,58 +218,39 @@ class Relocator:
         self.tried.move(by)
         self.best_before = self.best_before and product_of(by, self.best_before)
 
-    def score(self, target: Target, guesses: list[RigidMotion], ranking: Ranking, uncertain: bool) -> list[Candidate]:
-        """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits."""
+    def score(self, around: Around, ranking: Ranking, uncertain: bool) -> list[Candidate]:
+        """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits.
+
+        Poses near the guesses may be scored for half of the time once they all were.
+        """
         work, reserve = self.fitter.work, self.fitter.cost(2)
         until = work.done + min(work.left // 2, work.left - reserve)
-
-        def taken(scored: Scored) -> list[Candidate]:
-            work.done += scored.evaluations
-            return scored.candidates
-
-        self.kept = [found for each in self.kept for found in taken(self.searcher.again(target, each))]
-        rounds = [(block, guess) for block in self.far_blocks for guess in guesses]
-
-        def farther(most: int, part: float = 1.0) -> None:
-            for block, guess in rounds[self.next_block : self.next_block + most]:
-                if until - work.done < part * self.searcher.most_of(block):
-                    return
-                self.kept += taken(self.searcher.best_of(target, guess, block, until - work.done))
-                self.next_block += 1
-
-        if self.near_done:  # else poses near the guesses would use up the budget of every frame
-            farther(1, LEAST_PART)
-        near: list[Candidate] = []
-        for guess in guesses:
-            block = self.near_block._replace(changes=np.roll(self.near_block.changes, -self.next_change, axis=0))
-            near += taken(found := self.searcher.best_of(target, guess, block, until - work.done))
-        self.next_change = (self.next_change + found.poses) % len(self.near_block.changes)
-        near.sort(key=lambda each: -each.score)
-        for _ in range(BESIDE_TIMES if uncertain else 0):
-            room = until - work.done >= len(self.sides) * self.searcher.most_of(self.sides[0])
-            beside = [
-                found
-                for side in (self.sides if near and room else ())
-                for found in taken(self.searcher.best_beside(target, near[0], side, until - work.done))[:1]
-            ]
-            near = sorted(near + beside, key=lambda each: -each.score)
-        farther(len(rounds))
-        self.kept = sorted(map(ranking.weighed, self.kept), key=lambda each: -each.score)[:CANDIDATES]
-        best = sorted([*map(ranking.weighed, near), *self.kept], key=lambda each: -each.score)
+        kept = [found for each in self.kept for found in taken(self.searcher.again(around.target, each), work)]
+        share = (until - work.done) // 2 if self.near_done else 0
+        near = self.rounds.near(around, work, until - share)
+        if uncertain:
+            near = self.rounds.beside(near, around.target, work, until)
+        kept += self.rounds.far(around, work, until)
+        self.kept = best_first([ranking.weighed(each) for each in kept])[:CANDIDATES]
+        best = best_first([*map(ranking.weighed, near), *self.kept])
         for k, each in enumerate(best[:CANDIDATES]):
             if work.left - reserve >= self.searcher.most_refining(each):
-                best[k] = ranking.weighed(*taken(self.searcher.refined(target, each)))
-        return sorted(best, key=lambda each: -each.score)
+                best[k] = ranking.weighed(*taken(self.searcher.refined(around.target, each), work))
+        return best_first(best)
 
-    def at_guesses(self, guesses: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
+    def likely(self, guesses: list[RigidMotion], recalled: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit first: what the last slice found, if chance does not explain it; unless it is found again also
-        the guesses, since a prediction is usually better than its covariance.
+        what is recalled, and the guesses, since a prediction is usually better than its covariance.
+
+        The first slice has all guesses, the next ones one each: where a fit fails, it mostly fails in the next image.
         """
         if self.found_before and self.best_before is not None:
             yield from self.found(self.best_before, 0.0, ranking)
             if ranking.is_found:
                 return
-        for guess in guesses:
+        turn = self.slices % len(guesses)
+        self.slices += 1
+        for guess in [*recalled, *(guesses[turn : turn + 1] if self.slices > 1 else guesses)]:
             yield from self.found(guess, 0.0, ranking)
 
     def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
@@ -328,23 +289,15 @@ class Relocator:
                 yield from self.perturbed(ranking.top)
 
     def perturbed(self, fit: Fit) -> Iterator[Attempt]:
-        """The next perturbation of a fit's pose (evolution strategy: Rechenberg 1973)."""
+        """The next perturbation of the best fit's pose, or of the best one elsewhere (evolution strategy: Rechenberg
+        1973), in turn: of two poses that look right the fits of this search may not have reached one.
+        """
         self.perturbations += 1
         pose, focus = motion(fit.cam_from_world), fit.focus
         if focus is None:
             return
-        near = self.searcher.nearby(pose, focus, self.perturbations)
+        other = self.tried.best_elsewhere(pose) if self.perturbations % 2 else None
+        if other is not None:
+            focus = other.R @ (pose.R.T @ (focus - pose.t)) + other.t
+        near = self.searcher.nearby(other or pose, focus, self.perturbations)
         yield Attempt(near, self.config.found_sigma, self.searcher.half_px)
-
-
-class Turn(NamedTuple):
-    """Rotation of a viewing direction relative to that of a guess."""
-
-    azimuth_rad: float
-    elevation_rad: float
-
-
-def views(step: float) -> list[Turn]:
-    """Rotations to the viewing directions far from a guess, at most a step (rad) apart, nearest first."""
-    turns = map(Turn._make, product(grid(FAR_VIEW_RAD, step), grid(FAR_VIEW_RAD / 2, step)))
-    return sorted(turns, key=lambda turn: turn.azimuth_rad**2 + turn.elevation_rad**2)

@@ -52,6 +52,12 @@ class TriedPoses:
         """
         self.supports = np.where(self.within_reach(pose, self.reached), 0.0, self.supports)
 
+    def best_elsewhere(self, pose: RigidMotion) -> RigidMotion | None:
+        """The pose with most support to which fits converged out of reach of a pose; None without any."""
+        supports = np.where(self.within_reach(pose, self.reached), 0.0, self.supports)
+        k = int(np.argmax(supports)) if len(supports) else 0
+        return RigidMotion(self.reached.R[k], self.reached.t[k]) if supports.any() else None
+
     def holds(self, candidate: Candidate) -> bool:
         """Whether a pose within reach of a fit from this candidate was fitted, with a similar score."""
         reached = self.within_reach(candidate.pose, self.fitted)

@@ -31,6 +31,7 @@ from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import (
     PATTERN_SWEEPS,
     PROJECTION_EVALUATIONS,
     REFINEMENTS,
+    Limits,
     SeenEdges,
     SmallCamera,
     Target,
@@ -58,6 +59,8 @@ ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of a quasi-random sequence in six dimensions (Roberts 2018)."""
 Indices = NDArray[np.int64]
 STILL = np.zeros((1, 6))
+ANY_WORK = 2**62
+"""A number of evaluations that is no limit."""
 
 
 class Candidate(NamedTuple):
@@ -79,6 +82,10 @@ class Block(NamedTuple):
     elevation_rad: float
     changes: Array
     shifts: Indices
+
+    def after(self, first: int) -> "Block":
+        """The block without so many of its changes, the first ones."""
+        return self._replace(changes=self.changes[first:])
 
 
 class Reach(NamedTuple):
@@ -229,8 +236,7 @@ class PoseSearch:
         changes = np.zeros((len(block.changes), 6))
         changes[:, :3] = block.changes[:, :1] * (sight / np.linalg.norm(sight))
         changes[:, 3] = block.changes[:, 1]
-        count = min(len(changes), max(0, most) // self.most_evaluations(len(seen.points), len(block.shifts)))
-        found = self.scored(target, pose, seen, changes[:count], block.shifts)
+        found = self.scored(target, pose, seen, changes, block.shifts, most - 2 * self.sampling)
         return found._replace(evaluations=found.evaluations + self.sampling)
 
     def again(self, target: Target, candidate: Candidate) -> Scored:
@@ -240,13 +246,9 @@ class PoseSearch:
         candidates = [each._replace(score=each.score - cost, cost=cost) for each in found.candidates]
         return found._replace(candidates=candidates)
 
-    def most_evaluations(self, points: int, shifts: int) -> int:
-        """Most evaluations of a pose: projection of the edge points, and lookups for all shifts."""
-        return points * (PROJECTION_EVALUATIONS + shifts + REFINEMENTS)
-
     def most_of(self, block: Block) -> int:
         """Most evaluations of a block."""
-        one = self.most_evaluations(2 * EDGE_POINTS, len(block.shifts))
+        one = 2 * EDGE_POINTS * (PROJECTION_EVALUATIONS + len(block.shifts) + REFINEMENTS)
         return len(block.changes) * one + 2 * self.sampling
 
     def refined(self, target: Target, candidate: Candidate) -> Scored:
@@ -262,9 +264,11 @@ class PoseSearch:
         tried = 1 + 12 * PATTERN_LEVELS * PATTERN_SWEEPS
         return tried * len(candidate.seen.points) * (PROJECTION_EVALUATIONS + 1)
 
-    def scored(self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices) -> Scored:
-        """The best changes (k, 6) of a pose, each at the best of shifts (s, 2)."""
-        found = score_changes(seen, pose, changes, shifts, self.camera, target, self.clear_score)
+    def scored(
+        self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices, most: int = 10**12
+    ) -> Scored:
+        """The best changes (k, 6) of a pose, each at the best of shifts (s, 2), within `most` evaluations."""
+        found = score_changes(seen, pose, changes, shifts, self.camera, target, Limits(most, self.clear_score))
         focus = pose.R @ seen.focus + pose.t
         changes = changes.copy()
         changes[:, 4:] += np.arctan(found.shifts / self.f[:2])
@@ -275,7 +279,7 @@ class PoseSearch:
         candidates = [
             Candidate(float(found.scores[k]), at, seen, float(cost[k])) for k, at in zip(best, poses, strict=True)
         ]
-        return Scored(candidates, found.evaluations, len(changes))
+        return Scored(candidates, found.evaluations, found.poses)
 
     def seen(self, pose: RigidMotion) -> SeenEdges:
         """Points on the edges visible at a pose, in the image and its margin; any leading subset covers all of them."""

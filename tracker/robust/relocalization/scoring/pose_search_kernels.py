@@ -88,13 +88,25 @@ class RefinedPose(NamedTuple):
 
 
 class PoseScores(NamedTuple):
-    """Score (k,) of each pose with the best shift (k, 2) in px of the small image, and the evaluations spent."""
+    """Score (k,) of each pose with the best shift (k, 2) in px of the small image, and the evaluations spent.
+
+    poses: how many of them were scored, the first ones; the others score 0.
+    """
 
     scores: Array
     shifts: Indices
     evaluations: int
+    poses: int
 
 
+class Limits(NamedTuple):
+    """Limits of scoring: most evaluations, and the lead over another score that makes one clear."""
+
+    evaluations: int
+    clear_score: float
+
+
+LIMITS = named_tuple(Limits, "i0 f0")
 SMALL_CAMERA = named_tuple(SmallCamera, "f1! f1! f0")
 TARGET = named_tuple(Target, "u3! f0")
 SEEN_EDGES = named_tuple(SeenEdges, "f2! f2! f1!")
@@ -212,7 +224,8 @@ def agreement(points: ImagePoints, distance: Distance, right: int, down: int, ou
 
 
 @compiled(
-    "seen pose f2 i2 camera target f0",
+    "seen pose f2 i2 camera target limits",
+    limits=LIMITS,
     seen=SEEN_EDGES,
     pose=RIGID_MOTION,
     camera=SMALL_CAMERA,
@@ -225,24 +238,28 @@ def score_changes(
     shifts: Indices,
     camera: SmallCamera,
     target: Target,
-    clear_score: float,
+    limits: Limits,
 ) -> PoseScores:
     """Scores of a pose with changes (k, 6) as `turned_about` takes them, with the best of shifts (s, 2) in px.
 
     The score is the mean over the edge points of 1 - distance / FAR, with distance (ORIENTATIONS, h, w) to the nearest
     edge pixel of that direction, less the cost of the shift; a point outside the image scores OUTSIDE_SCORE. The best
-    shift is refined. Changes that are worse than the best previous one by clear_score score 0.
+    shift is refined. Changes that are worse than the best previous one by the clear score are given 0.
     """
+    most_of_one = len(seen.points) * (PROJECTION_EVALUATIONS + len(shifts) + REFINEMENTS)
     focus, distance = focus_in_camera(seen, pose.R, pose.t), target.distance
     scores, best, evaluations = np.zeros(len(changes)), np.zeros((len(changes), 2), np.int64), 0
-    outside, hopeful = math.floor(OUTSIDE_SCORE * FAR), 0.0
+    outside, hopeful, poses = math.floor(OUTSIDE_SCORE * FAR), 0.0, 0
     for k in range(len(changes)):
+        if evaluations + most_of_one > limits.evaluations:
+            break
+        poses += 1
         changed = turned_about(pose.R, pose.t, focus, changes[k])
         points = image_points(seen, changed.R, changed.t, camera)
         evaluations += len(seen.points) * PROJECTION_EVALUATIONS
         if points.filled < MIN_POINTS:
             continue
-        hopeless = max(0, math.floor((hopeful - clear_score) * FAR * points.filled))
+        hopeless = max(0, math.floor((hopeful - limits.clear_score) * FAR * points.filled))
         top = hopeless
         for s in range(len(shifts)):
             right, down = shifts[s, 0], shifts[s, 1]
@@ -264,7 +281,7 @@ def score_changes(
                     top, best[k, 0], best[k, 1] = found.total - cost, right, down
         scores[k] = top / (FAR * points.filled)
         hopeful = max(hopeful, scores[k])
-    return PoseScores(scores, best, evaluations)
+    return PoseScores(scores, best, evaluations, poses)
 
 
 @compiled("seen f2 f1 f1 camera target", inner=True, seen=SEEN_EDGES, camera=SMALL_CAMERA, target=TARGET)
