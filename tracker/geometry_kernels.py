@@ -283,6 +283,15 @@ def squared_mahalanobis(R: Array, t: Array, R_to: Array, t_to: Array, covariance
     return square
 
 
+@compiled("f3 f2 f2 f1 f2")
+def least_squared_mahalanobis(R: Array, t: Array, R_to: Array, t_to: Array, covariance: Array) -> float:
+    """As `squared_mahalanobis`, from the nearest of poses R (k, 3, 3), t (k, 3)."""
+    least = math.inf
+    for k in range(len(R)):
+        least = min(least, squared_mahalanobis(R[k], t[k], R_to, t_to, covariance))
+    return least
+
+
 @compiled("f2")
 def inverse6(A: Array) -> Array:
     """Inverse of a symmetric positive definite matrix (6, 6); NaN if it is not positive definite."""

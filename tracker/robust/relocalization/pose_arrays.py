@@ -42,6 +42,11 @@ class PoseStack(NamedTuple):
         return np.asarray((np.linalg.norm(between, axis=1) > part * range_m) | (cosine < np.cos(min(part, np.pi))))
 
 
+def stack_of(poses: list[RigidMotion]) -> PoseStack:
+    """Poses, one or more, as a stack."""
+    return PoseStack(np.stack([pose.R for pose in poses]), np.stack([pose.t for pose in poses]))
+
+
 NONE = PoseStack(np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import RigidMotion, squared_mahalanobis
+from uavbench.tracker.geometry_kernels import RigidMotion, least_squared_mahalanobis
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
-from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.pose_arrays import motion, stack_of
 from uavbench.tracker.robust.relocalization.scoring.pose_search import Candidate
 from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.trajectories.pose import Array, Pose
@@ -93,7 +93,7 @@ class Ranking:
         self.config = config
         self.likely = sought.likely or [Likely(Motion(sought.guesses[0], sought.covariance))]
         near = [*(each.predicted.cam_from_world for each in self.likely), sought.carried, *sought.recalled]
-        self.near = [motion(pose) for pose in near if pose is not None]
+        self.near = stack_of([motion(pose) for pose in near if pose is not None])
         self.fits: list[Fit] = []
         self.credits: dict[Fit, float] = {}
         self.range_m, self.lost = sought.range_m, sought.lost
@@ -116,7 +116,7 @@ class Ranking:
 
     def chi2(self, pose: RigidMotion) -> float:
         """Squared Mahalanobis distance of a pose from the nearest likely or recalled one."""
-        return min(squared_mahalanobis(*near, *pose, self.covariance) for near in self.near)
+        return least_squared_mahalanobis(*self.near, *pose, self.covariance)
 
     def weighed(self, candidate: Candidate) -> Candidate:
         """A candidate, its score reduced by the log-probability of its pose."""
