@@ -26,6 +26,8 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".
 """Ends of the names of a folder's images."""
 ORIENTATION = 0x0112
 """Tag of Exif."""
+BITS_PER_SAMPLE = 258
+"""Tag of TIFF."""
 LIKE = 1.01
 """Ratio of width to height up to which an image may be a resized one of the camera's: sides are whole numbers."""
 JPEG = b"\xff\xd8\xff"
@@ -149,8 +151,8 @@ def _without_alpha(data: bytes) -> bytes:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with Image.open(io.BytesIO(data), formats=("TIFF",)) as image:
-            if image.mode != "RGBA":
-                return data
+            if image.mode != "RGBA" or any(bits != 8 for bits in getattr(image, "tag_v2", {}).get(BITS_PER_SAMPLE, ())):
+                return data  # Pillow takes 16 bits of colours with alpha for 8
             plain = io.BytesIO()
             image.convert("RGB").save(plain, "PNG")
             return plain.getvalue()

@@ -273,3 +273,10 @@ def test_alpha_darkens_no_image(tmp_path, kind, mode):
     image.save(tmp_path / f"a.{kind}", **({"lossless": True} if kind == "webp" else {}))
     for flags in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE):
         assert np.unique(load_image(tmp_path / f"a.{kind}", flags)).tolist() == [200]
+
+
+def test_alpha_leaves_deep_colours_as_deep_as_they_are(tmp_path):
+    samples = np.full((6, 8, 4), 65535, np.uint16)
+    samples[..., :3] = 2048
+    cv2.imwrite(str(tmp_path / "a.tiff"), samples)
+    assert np.unique(load_image(tmp_path / "a.tiff", bits=12)).tolist() == [128]
