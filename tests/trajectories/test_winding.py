@@ -98,3 +98,14 @@ def test_a_one_sided_band_stays_as_it_is():
     next_low, next_high = np.r_[low[1:], 12], np.r_[high[1:], 0]  # the last piece is joined with a half turn
     triangles = np.concatenate([np.stack([low, next_low, high], axis=1), np.stack([high, next_low, next_high], axis=1)])
     assert not wound_against(vertices, triangles).any()
+
+
+@pytest.mark.parametrize("missing", [(0, 0, -1), (-1, 0, 0)])
+def test_a_room_in_a_shell_that_is_open_somewhere_faces_inwards_still(missing):
+    room, shell = trimesh.creation.box((5.0, 4.0, 3.0)), trimesh.creation.box((5.2, 4.2, 3.2))
+    other = trimesh.creation.box((9.0, 9.0, 9.0)).apply_translation((20.0, 0.0, 0.0))
+    inner, outer, more = soup(room), soup(shell), soup(other)
+    walls = outer[1][shell.face_normals @ missing < 0.5]
+    vertices = np.concatenate([inner[0], outer[0], more[0]])
+    triangles = np.concatenate([inner[1][:, ::-1], walls + 36, more[1] + 72])
+    assert not wound_against(vertices, triangles).any()

@@ -45,7 +45,8 @@ def wound_against(vertices: Array, triangles: Indices) -> Mask:
     disagrees with itself the side that more rays leave to infinity becomes its outside (Takayama et al. 2014); where
     they leave none, as few square metres as possible are turned. One-sided surfaces (Moebius) stay as they are. Bodies
     that agree with themselves do, too, except closed ones that face inwards, as mirrored copies of parts do, and of
-    which the rays see the back: of a cavity they do not. Where the closed bodies hold less than nothing in all, the
+    which the rays see the back: of a cavity they do not. Those within the bounds of another body stay as well, as rooms
+    in a shell that is open somewhere. Where the closed bodies hold less than nothing in all, the
     whole mesh faces inwards, and none of them is turned.
     """
     if not (len(triangles) and (np.abs(vertices) < FARTHEST).all()):
@@ -56,6 +57,7 @@ def wound_against(vertices: Array, triangles: Indices) -> Mask:
     corners = vertices[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inwards = _inwards(joints, bodies, corners, normal) & ~disagrees
+    inwards &= ~_inside_others(bodies.body, corners, inwards)
     asked = np.flatnonzero((disagrees[bodies.body] & bodies.two_sided) | inwards[bodies.body])
     if not len(asked):
         return np.zeros(len(triangles), dtype=np.bool_)
@@ -130,6 +132,21 @@ def _inwards(joints: _Joints, bodies: _Bodies, corners: Array, normal: Array) ->
     volume = np.where(is_closed, np.bincount(bodies.body, ((corners[:, 0] - middle) * normal).sum(axis=1), m), 0.0)
     rounding = CLOSED_PART * np.abs(volume).sum()
     return np.asarray((volume < -rounding) & (volume.sum() >= -rounding), dtype=np.bool_)
+
+
+def _inside_others(body: Indices, corners: Array, asked: Mask) -> Mask:
+    """Which bodies (m,) of those asked for lie within the bounds of another one; body (m,) of each triangle."""
+    out = np.zeros(len(asked), dtype=np.bool_)
+    if not asked.any():
+        return out
+    order = np.argsort(body, kind="stable")
+    first = np.flatnonzero(np.diff(body[order], prepend=-1))
+    number = body[order][first]
+    low = np.minimum.reduceat(corners.min(axis=1)[order], first)
+    high = np.maximum.reduceat(corners.max(axis=1)[order], first)
+    for k in np.flatnonzero(asked[number]):
+        out[number[k]] = np.count_nonzero(((low <= low[k]) & (high >= high[k])).all(axis=1)) > 1
+    return out
 
 
 def _outward(corners: Array, normal: Array, rows: Indices) -> Array:
