@@ -12,6 +12,9 @@ from uavbench.trajectories.pose import Array, Pose
 Streams = Callable[..., np.random.Generator]
 """The random stream of the given names: see `random_streams.stream`."""
 
+STRUCTURE = 1
+"""Value of the structure in the instance mask."""
+
 Texture = NDArray[np.uint8]
 """Image RGB or RGBA (h, w, 3 or 4), row 0 at v = 1."""
 
@@ -41,7 +44,7 @@ class Part:
     slopes (R along x, G along y, zero at 128, RIPPLE_SLOPE per unit); distant parts cast shadows through a map of their
     own, which leaves that of the others as fine as it is; film wets the part; soil, at soil_uv (n, 2), is a texture of
     factors on the albedo; an alpha mask that keeps_cover covers as much from afar, where the mean of blades and gaps
-    would be all gap; instance is its value in the instance mask (0: obstacles, 1: the structure); name identifies the
+    would be all gap; instance is its value in the instance mask (0: obstacles, STRUCTURE); name identifies the
     piece of the structure.
     """
 

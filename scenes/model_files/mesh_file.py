@@ -32,7 +32,7 @@ from uavbench.scenes.model_files.polygons.ply import triangles_of
 from uavbench.scenes.model_files.polygons.ply_elements import with_plain_elements
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.primitives.solids import Solid, covered
-from uavbench.scenes.renderables import BuiltStructure, Part
+from uavbench.scenes.renderables import STRUCTURE, BuiltStructure, Part
 from uavbench.scenes.structure import CREASE_ANGLE_DEG, Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL
@@ -268,7 +268,7 @@ def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:
             uv=piece.uv,
             texture=piece.texture,
             tint=piece.tint,
-            instance=1,
+            instance=STRUCTURE,
             name=piece.name,
             two_sided=two_sided,
         )

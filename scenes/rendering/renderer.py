@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.renderables import Light, Mover, Part, Texture
+from uavbench.scenes.renderables import STRUCTURE, Light, Mover, Part, Texture
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
@@ -257,9 +257,10 @@ class Renderer:
         return looks | {draw.mirrored for draw in self._draws if mirrored and draw.mirrored is not None}
 
     def _in_order(self) -> list[Draw]:
-        """The meshes as they are drawn: those with an alpha mask last, and of each kind small ones first.
+        """The meshes as drawn: those with an alpha mask last; of each kind the structure first, then small ones.
 
-        Pixels that an earlier mesh hides are not shaded, and small things are mostly before large ones.
+        Pixels that an earlier mesh hides are not shaded, and small things are mostly before large ones. Where faces lie
+        in one plane the first one is seen.
         """
         draws = [
             Draw(
@@ -271,9 +272,13 @@ class Renderer:
             )
             for (mesh, mover, _), first in zip(self._meshes, self.facets.first.tolist(), strict=True)
         ]
-        return sorted(
-            draws, key=lambda draw: (draw.mesh.cutout, np.linalg.norm(np.ptp(draw.mesh.part.vertices, axis=0)))
-        )
+
+        def place(draw: Draw) -> tuple[bool, float]:
+            part = draw.mesh.part
+            size_m = float(np.linalg.norm(np.ptp(part.vertices, axis=0)))
+            return draw.mesh.cutout, 0.0 if part.instance == STRUCTURE else size_m
+
+        return sorted(draws, key=place)
 
     def _look(self, mesh: Mesh, mirrored: bool) -> tuple[str, ...]:
         part, light = mesh.part, self._light

@@ -13,7 +13,7 @@ from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.painted import UNPAINTED
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.primitives.meshes import box, panel
-from uavbench.scenes.renderables import BuiltStructure, Part, Texture
+from uavbench.scenes.renderables import STRUCTURE, BuiltStructure, Part, Texture
 from uavbench.scenes.structure import Structure
 
 PX_PER_M = 1600
@@ -67,7 +67,7 @@ class Box:
                     uv=_inside(uv, texture),
                     texture=texture,
                     roughness=0.75,
-                    instance=1,
+                    instance=STRUCTURE,
                 )
             )
         return BuiltStructure(structure, tuple(parts))

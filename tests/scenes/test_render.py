@@ -242,3 +242,13 @@ def test_light_that_is_no_number_or_out_of_range_has_a_code() -> None:
 def test_encode_undoes_decode() -> None:
     codes = np.arange(256, dtype=np.uint8).reshape(1, 256, 1).repeat(3, axis=2)
     assert np.array_equal(encode(decode(codes)), codes)
+
+
+@pytest.mark.parametrize("structure_first", [True, False])
+def test_where_faces_lie_in_one_plane_the_structure_is_seen(structure_first: bool) -> None:
+    structure = white_box((2.0, -2.0, -2.0), (3.0, 2.0, 2.0))
+    obstacle = white_box((2.0, -0.5, -0.5), (3.0, 0.5, 0.5), instance=0)
+    parts = (structure, obstacle) if structure_first else (obstacle, structure)
+    camera = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
+    with Renderer(parts, FLAT_LIGHT, 64, 48) as renderer:
+        assert renderer.geometry(looking((0.0, 0.0, 0.0), (2.0, 0.0, 0.0)), camera).instances[24, 32] == 1
