@@ -154,3 +154,27 @@ def test_of_two_equal_boxes_both_are_fitted_before_a_pose_elsewhere_than_the_ini
     for side in (-0.2, 0.2):
         supports = [s for s, c in zip(tried.supports, reached, strict=True) if np.linalg.norm(c - [0, side, 0]) < 0.02]
         assert max(supports, default=0.0) > 0.1
+
+
+@pytest.mark.parametrize("seed", [2, 5, 24])
+def test_no_frame_exceeds_the_budget_whatever_is_seen(seed):
+    poses, images = flown(14, seed=seed)
+    run = started(poses[0])
+    _, evaluations = tracked(run, interrupted(images, "another scene"))
+    assert evaluations.max() <= BudgetConfig().evaluations
+
+
+@pytest.mark.parametrize("evaluations", [1_500_000, 2_100_000, 2_900_000])
+def test_no_frame_of_a_first_search_exceeds_a_small_budget(flight, evaluations):
+    poses, images = flight
+    config = RobustConfig(budget=BudgetConfig(evaluations=evaluations))
+    _, done = tracked(started(AWAY @ AWAY @ poses[0], config), images[:9])
+    assert done.max() <= evaluations
+
+
+def test_a_first_pose_is_believed_in_frames_that_are_searched_one_by_one():
+    """No search goes on from one to the next, however little of it each has room for."""
+    poses, images = flown(8, seed=23)
+    run = started(AWAY @ AWAY @ poses[0], RobustConfig(budget=BudgetConfig(evaluations=3_000_000)))
+    statuses = [run.track(image, round(i * 0.34e9)).status for i, image in enumerate(images)]
+    assert "ok" in statuses

@@ -148,10 +148,10 @@ class EdgeFitter:
         """
         self.unsmoothed = None if unsmoothed is None else layered(unsmoothed)
 
-    def cost(self, fits: int) -> int:
-        """Evaluations of so many fits of a search and of the one that locates the edges of the best, a quarter more."""
+    def cost(self, fits: int, located: int = 1) -> int:
+        """Evaluations of so many fits of a search, and of locating the edges of so many of them, a quarter more."""
         points, patches = self.most_points * 5 // 4, min(len(self.texture), MOST_USED)
-        return fits * fit_evaluations(len(self.edges.ends), points, patches) + points * LOCATED_POINT
+        return fits * fit_evaluations(len(self.edges.ends), points, patches) + located * points * LOCATED_POINT
 
     def has_room_for(self, fits: int) -> bool:
         """Whether the frame's budget is enough for so many fits of a search and for locating the edges of the best."""

@@ -69,7 +69,7 @@ class Sought(NamedTuple):
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
     none for the first guess alone; lost: whether no pose of the last frame was accepted; carried: where the mean
     velocity leads, with which what earlier slices found is moved, None for the first guess; is_first: whether
-    no pose was accepted yet, so that only a given fit vouches for the place where a search ends.
+    no pose was accepted yet, in frames that one search goes on in, so that only a given fit vouches for its end.
     """
 
     image: Image

@@ -107,7 +107,7 @@ class Relocator:
         recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
         left = self.fit_in_turn(self.likely(guesses, recalled, ranking), sought, ranking)
-        if not left and work.left >= DISTANCES:
+        if not left and work.left >= DISTANCES + len(self.kept) * self.searcher.most_again + self.fitter.cost(0):
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
             work.done += DISTANCES
             candidates = self.score(Around(target, guesses), ranking, self.is_uncertain(sought))

@@ -88,7 +88,7 @@ class Rivals:
         while rivals := self.of(sought, ranking, tried):
             top, made = ranking.top, list[Fit]()
             for pose in rivals:
-                if not self.fitter.has_room_for(1):
+                if self.fitter.work.left < self.fitter.cost(1) + self.cost:  # and for rivals of a better one
                     break
                 made.append(fit := self.fitted(sought, pose))
                 ranking.credits[fit] = self.lacking(fit, top, pose)

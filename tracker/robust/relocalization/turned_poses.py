@@ -38,7 +38,7 @@ class TurnedPoses:
         while best is None or not self.ends_at(best, ranking.top, sought.range_m):
             best = ranking.top
             for pose in self.beside(best):
-                if not self.fitter.has_room_for(1):
+                if self.fitter.work.left < self.fitter.cost(1, located=2):  # its edges, and those of the best fit
                     break
                 fits.append(self.fit(pose, sought))
                 ranking.add(fits[-1])

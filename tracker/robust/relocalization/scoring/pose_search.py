@@ -246,6 +246,11 @@ class PoseSearch:
         candidates = [each._replace(score=each.score - cost, cost=cost) for each in found.candidates]
         return found._replace(candidates=candidates)
 
+    @property
+    def most_again(self) -> int:
+        """Most evaluations of scoring a pose in another image."""
+        return 2 * EDGE_POINTS * (PROJECTION_EVALUATIONS + len(self.around) + REFINEMENTS)
+
     def most_of(self, block: Block) -> int:
         """Most evaluations of a block."""
         one = 2 * EDGE_POINTS * (PROJECTION_EVALUATIONS + len(block.shifts) + REFINEMENTS)
