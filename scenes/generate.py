@@ -25,7 +25,8 @@ from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.shots.cameras import cameras_of
 from uavbench.scenes.shots.shots import shots_of
-from uavbench.scenes.spec import MAIN, BodyCamera, SequenceSpec
+from uavbench.scenes.spec import BodyCamera, SequenceSpec
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.files.origin import refuse_foreign
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.gimbal.motion import GimbalMotion

@@ -12,7 +12,7 @@ from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStr
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.structures.as_built import Deviation
 from uavbench.trajectories.camera_clock import CameraClock
-from uavbench.trajectories.camera_mount import Mount, MountSpec
+from uavbench.trajectories.camera_mount import MAIN, Mount, MountSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.pose import Array
@@ -130,8 +130,6 @@ class BodyCamera:
     offset_s: Annotated[float, Interval(ge=0, le=10)] = 0.0
 
 
-MAIN = "camera"
-"""Name of the main camera, reserved."""
 CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 """Valid name of a further camera: it becomes the name of a folder, and of topics and frames in ROS."""
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
+MAIN = "camera"
+"""Name of the main camera, reserved."""
 CAM_FROM_FORWARD_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Axis change from a body (x forward, y left, z up) to a camera (x right, y down, z forward) that looks along x."""
 FARTHEST_M = 10.0

@@ -16,13 +16,13 @@ from uavbench.reports.closed_loop.flown import Flown, FlownPath, plan_stamps, pl
 from uavbench.reports.closed_loop.flown_mounts import MOUNT_COLUMNS, FlownMounts
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.shots.targets import missed_target
-from uavbench.scenes.spec import MAIN, SequenceSpec
+from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import parameters, record_of
-from uavbench.trajectories.camera_mount import MountSpec
+from uavbench.trajectories.camera_mount import MAIN, MountSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.motion import GimbalMotion

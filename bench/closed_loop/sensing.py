@@ -12,8 +12,9 @@ from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.scenes.dataset.body import CALIBRATED, GIMBAL, Body, BodySensor, Samples
 from uavbench.scenes.dataset.gimbal_files import gimbal_record
 from uavbench.scenes.dataset.spec_record import described
-from uavbench.scenes.spec import MAIN, SequenceSpec
+from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.fusion.camera_on_body import FixedMount, KnownMount, MeasuredGimbal
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.gimbal.encoders_in_flight import GimbalEncoders

@@ -11,7 +11,7 @@ from uavbench.scenes.dataset.contact_sheet import COLUMNS, ROWS, WIDTH_PX
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
 from uavbench.scenes.effects.link import AnalogLink, Drops
-from uavbench.scenes.spec import MAIN, BodyCamera, SequenceSpec
+from uavbench.scenes.spec import BodyCamera, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.structures.bridge import Bridge
 from uavbench.scenes.structures.building import Building
@@ -19,6 +19,7 @@ from uavbench.scenes.structures.checkerboard import Checkerboard
 from uavbench.scenes.structures.truss import Truss
 from uavbench.scenes.structures.wall import Wall
 from uavbench.scenes.world.studio import Studio
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.sensors.imu import Imu

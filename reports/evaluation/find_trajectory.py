@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from uavbench.reports.metrics.quaternions import conjugate, multiply, normalized, rotate
 from uavbench.scenes.dataset.ground_truth_files import MOUNTS_FILE
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
-from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TRAJECTORY
 from uavbench.trajectories.files.tables import column_names, line_of_row, plain_number

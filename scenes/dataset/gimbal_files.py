@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from uavbench.scenes.dataset.body import GIMBAL
 from uavbench.scenes.dataset.ground_truth_files import MOUNTS_COLUMNS, MOUNTS_FILE
 from uavbench.scenes.dataset.spec_record import described
-from uavbench.scenes.spec import MAIN, BodyCamera
+from uavbench.scenes.spec import BodyCamera
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight

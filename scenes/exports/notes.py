@@ -8,7 +8,7 @@ from typing import Any
 
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.spec import MAIN
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.tables import column_names

@@ -15,7 +15,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.surfaces.annotation_images import annotation_file
 from uavbench.scenes.image_files import image_of
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
-from uavbench.scenes.spec import MAIN
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 

@@ -13,8 +13,9 @@ from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.filming.frames import Filming, write_frames
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera
 from uavbench.scenes.scene import Scene
-from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
+from uavbench.scenes.spec import BodyCamera, EffectSpec, SequenceSpec
 from uavbench.trajectories.camera_clock import Exposures
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream

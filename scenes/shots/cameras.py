@@ -1,8 +1,9 @@
 """The cameras of a spec: which, when they expose, through which lens."""
 
 from uavbench.scenes.rendering.camera_simulator import RenderCamera, render_camera
-from uavbench.scenes.spec import MAIN, BodyCamera, SequenceSpec
+from uavbench.scenes.spec import BodyCamera, SequenceSpec
 from uavbench.trajectories.camera_clock import Exposures
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import Flight

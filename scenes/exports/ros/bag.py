@@ -20,9 +20,9 @@ from uavbench.scenes.exports.ros.bag_messages import Stamped, link_of, ros_name
 from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.scenes.exports.ros.gimbal_messages import joint_states, moving_extrinsics
 from uavbench.scenes.exports.shown_images import Shown
-from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.library import rosbags, typestore
 from uavbench.trajectories.bags.storages import path_for_rosbags
+from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.pose import Pose
 
