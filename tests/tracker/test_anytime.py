@@ -66,7 +66,7 @@ def test_the_first_frame_from_a_wrong_pose_obeys_the_budget_too(flight):
 def test_with_little_work_a_frame_it_takes_more_frames_and_guesses_meanwhile():
     """A little more than half of the default: edge pixels, the fit of tracking, few fits more."""
     poses, images = flown(20, seed=26)
-    config = RobustConfig(budget=BudgetConfig(evaluations=2_700_000))
+    config = RobustConfig(budget=BudgetConfig(evaluations=3_800_000))
     results, evaluations = tracked(started(AWAY @ AWAY @ poses[0], config), images)
     assert evaluations.max() <= config.budget.evaluations
     assert results[0].status == "lost"
@@ -175,6 +175,6 @@ def test_no_frame_of_a_first_search_exceeds_a_small_budget(flight, evaluations):
 def test_a_first_pose_is_believed_in_frames_that_are_searched_one_by_one():
     """No search goes on from one to the next, however little of it each has room for."""
     poses, images = flown(8, seed=23)
-    run = started(AWAY @ AWAY @ poses[0], RobustConfig(budget=BudgetConfig(evaluations=3_000_000)))
+    run = started(AWAY @ AWAY @ poses[0], RobustConfig(budget=BudgetConfig(evaluations=4_500_000)))
     statuses = [run.track(image, round(i * 0.34e9)).status for i, image in enumerate(images)]
     assert "ok" in statuses

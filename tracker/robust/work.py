@@ -7,13 +7,13 @@ wrong poses.
 
 from dataclasses import dataclass
 
-SAMPLING, PER_EDGE = 30_000, 60
-"""Cost of finding the visible edge points of a pose, 60 us, and 0.12 us more for each edge of the structure."""
-FIT, PER_POINT, PER_PATCH = 150_000, 920, 2_200
-"""Cost of a fit from a wrong pose beside that for each edge, 300 us, and more for each control point and patch, 1.8 and
-4.4 us; fits of tracking take about two thirds of it."""
-LOCATED_POINT = 600
-"""Cost of locating a control point between the pixels, 1.2 us."""
+SAMPLING, PER_EDGE = 30_000, 75
+"""Cost of finding the visible edge points of a pose, 60 us, and 0.15 us more for each edge of the structure."""
+FIT, PER_POINT, PER_PATCH = 200_000, 1_700, 4_100
+"""Cost of a fit from a wrong pose beside that for each edge, 400 us, and more for each control point and patch, 3.4 and
+8.2 us; fits of tracking take about two thirds of it."""
+LOCATED_POINT = 1_100
+"""Cost of locating a control point between the pixels, 2.2 us."""
 DISTANCES = 550_000
 """Cost of the distance transforms of an image, 1.1 ms."""
 FEATURES = 3_000_000

@@ -28,8 +28,8 @@ from uavbench.trajectories.pose import Pose
 
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
-PERTURBATIONS = 24
-"""Number of poses sampled around the best fit of a search."""
+PERTURBATIONS, OF_A_FIRST_POSE = 24, 8
+"""Number of poses sampled around the best fits of a search; of these before a first pose is believed elsewhere."""
 
 
 class Relocalized(NamedTuple):
@@ -129,7 +129,7 @@ class Relocator:
         all_done = self.rounds.is_complete(len(guesses)) and (exhausted or len(self.tried) >= MOST_FITS)
         # Where nothing vouches for the place, poses about the best ones are fitted, too.
         vouched = not sought.is_first or self.is_as_given(ranking.top, sought)
-        done = Done(self.near_done and (vouched or self.perturbations >= PERTURBATIONS), all_done)
+        done = Done(self.near_done and (vouched or self.perturbations >= OF_A_FIRST_POSE), all_done)
         return self.relocalized(ranking, sought, done, leads, rivalled=compared.any and not leads)
 
     def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
@@ -164,7 +164,7 @@ class Relocator:
         clock = StageClock()
         for attempt in attempts:
             fits = 1 + self.rivals.awaited(sought, ranking, self.tried)
-            if self.fitter.work.left < self.fitter.cost(fits) + self.rivals.cost:
+            if not self.fitter.has_room_for(fits):
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.searched(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
@@ -248,9 +248,12 @@ class Relocator:
             yield from self.found(self.best_before, 0.0, ranking)
             if ranking.is_found:
                 return
+        for pose in recalled:
+            yield from self.found(pose, 0.0, ranking)
         turn = self.slices % len(guesses)
-        self.slices += 1
-        for guess in [*recalled, *(guesses[turn : turn + 1] if self.slices > 1 else guesses)]:
+        turns = guesses[turn : turn + 1] if self.slices else guesses
+        self.slices += 1  # not where the work was spent before
+        for guess in turns:
             yield from self.found(guess, 0.0, ranking)
 
     def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
