@@ -316,7 +316,6 @@ class Decider:
             likely=frame.likely,
             lost=self.state.is_lost,
             carried=carried,
-            is_first=first and frame.step_s < self.config.slow_s,
         )
         found = self.relocator.search(sought)
         work.allowed += reserve

@@ -68,8 +68,7 @@ class Sought(NamedTuple):
     already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
     none for the first guess alone; lost: whether no pose of the last frame was accepted; carried: where the mean
-    velocity leads, with which what earlier slices found is moved, None for the first guess; is_first: whether
-    no pose was accepted yet, in frames that one search goes on in, so that only a given fit vouches for its end.
+    velocity leads, with which what earlier slices found is moved, None for the first guess.
     """
 
     image: Image
@@ -83,7 +82,6 @@ class Sought(NamedTuple):
     likely: Sequence[Likely] = ()
     lost: bool = False
     carried: Pose | None = None
-    is_first: bool = False
 
 
 class Ranking:

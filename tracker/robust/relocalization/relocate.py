@@ -28,8 +28,8 @@ from uavbench.trajectories.pose import Pose
 
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
-PERTURBATIONS, OF_A_FIRST_POSE = 24, 8
-"""Number of poses sampled around the best fits of a search; of these before a first pose is believed elsewhere."""
+PERTURBATIONS = 24
+"""Number of poses sampled around the best fits of a search."""
 
 
 class Relocalized(NamedTuple):
@@ -82,6 +82,7 @@ class Relocator:
         self.turned = TurnedPoses(fitter, self.searcher, config)
         self.rounds = Rounds(self.searcher, config)
         self.known_sigma = fitter.config.initialization.sigma
+        self.elsewhere: Pose | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -126,11 +127,15 @@ class Relocator:
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         self.found_before = ranking.is_found
+        self.elsewhere = self.beyond(ranking.top)
         all_done = self.rounds.is_complete(len(guesses)) and (exhausted or len(self.tried) >= MOST_FITS)
-        # Where nothing vouches for the place, poses about the best ones are fitted, too.
-        vouched = not sought.is_first or self.is_as_given(ranking.top, sought)
-        done = Done(self.near_done and (vouched or self.perturbations >= OF_A_FIRST_POSE), all_done)
+        done = Done(self.near_done, all_done)
         return self.relocalized(ranking, sought, done, leads, rivalled=compared.any and not leads)
+
+    def beyond(self, fit: Fit) -> Pose | None:
+        """Where the best other pose of this search is from a fit, as world_from_other; None without any."""
+        other = self.tried.best_elsewhere(motion(fit.cam_from_world))
+        return None if other is None else fit.cam_from_world.inverse() @ Pose(*other)
 
     def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
         """The outcome of a slice."""
@@ -140,11 +145,6 @@ class Relocator:
     def located(self, fit: Fit, sought: Sought) -> Fit:
         """The fit, with its edges located between the pixels if it is one of the search."""
         return fit if fit is sought.first else self.fitter.located(fit, StageClock())
-
-    def is_as_given(self, fit: Fit, sought: Sought) -> bool:
-        """Whether a fit ends where the given one does."""
-        given = sought.first
-        return given is not None and given.finite and self.turned.ends_at(fit, given, sought.range_m)
 
     def confirm(self, sought: Sought) -> Relocalized:
         """Compare the given fit with its rivals, the poses at which the structure looks alike."""
