@@ -1,10 +1,10 @@
-"""The first pose, sought in images that do not show the structure, so that none is right."""
+"""The first pose: in images that do not show the structure, so that none is right, and in the dark."""
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, box, flown
+from tests.tracker.synthetic import CAMERA, box, flown, pose_error
 from uavbench.tracker.robust.tracker import Robust
 
 STEP_NS = 66_666_667
@@ -56,3 +56,16 @@ def test_bars_are_not_taken_for_the_structure(number):
 def test_panels_are_not_taken_for_the_structure_unless_one_has_the_proportions_of_a_face():
     found = [taken(panels(np.random.default_rng(seed), number)) for number in (3, 4) for seed in range(14)]
     assert np.count_nonzero(found) <= 2
+
+
+@pytest.mark.parametrize(("seed", "contrast", "noise_grey"), [(3, 1.0, 27.0), (2, 0.7, 20.0), (24, 1.0, 30.0)])
+def test_a_right_initial_pose_is_kept_in_the_dark(seed, contrast, noise_grey):
+    """A fourth of the points is found there, less than of any usual frame, but far more than by chance."""
+    poses, images = flown(4, seed=seed)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    noise = np.random.default_rng(seed)
+    for i, (pose, image) in enumerate(zip(poses, images, strict=True)):
+        dark = 128.0 + contrast * (image.astype(np.float64) - 128.0) + noise.normal(0.0, noise_grey, image.shape)
+        result = run.track(dark.clip(0, 255).round().astype(np.uint8), i * 66_666_667)
+        assert result.status == "ok"
+        assert pose_error(result.cam_from_world, pose)[0] < 0.02

@@ -225,12 +225,11 @@ class Decider:
             return fit
 
     def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
-        """A fit constrained to the initial pose; None if another fit has clearly more support."""
-        initial = self.config.initialization
-        least = max(initial.min_support, fit.support - self.config.relocalization.lead)
-        narrow = isotropic_covariance(initial.kept_sigma, self.state.range_m)
+        """A fit constrained to the initial pose; None if chance explains it or another has clearly more support."""
+        narrow = isotropic_covariance(self.config.initialization.kept_sigma, self.state.range_m)
         kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock)
-        if not (kept.finite and kept.support >= least):
+        led = kept.support < fit.support - self.config.relocalization.lead
+        if led or not self.state.may_stay_at(kept, frame.predicted):
             return None
         sure = max(self.config.good_support, kept.edge_support)  # patches are created there immediately
         return replace(kept, edge_support=sure)

@@ -74,7 +74,8 @@ class TrackState:
         """
         if not fit.finite or self.is_by_chance(fit, predicted, searched):
             return False
-        enough = fit.support >= self.required_support(fit, predicted, searched)
+        given = self.is_first and not searched  # of which chance alone decides: in the dark hardly a point is found
+        enough = given or fit.support >= self.required_support(fit, predicted, searched)
         poses = SEARCHED_POSES if searched else HYPOTHESES
         by_chance = fit.chance.edges + self.log10_searched(fit, landmarks)
         beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
@@ -97,7 +98,13 @@ class TrackState:
         enough, apart_px = 0.0 if self.is_first else SURE, self.config.solver.estimator.last_width_px
         if fit.chance.whole + log10(SEARCHED_POSES) < enough:  # a track has no more of them than a search
             return False
-        return searched or fit.chance.whole + log10_poses_as_near(fit, predicted, apart_px) >= enough
+        return searched or fit.chance.whole + log10_poses_as_near(fit, predicted, apart_px) >= SURE
+
+    def may_stay_at(self, fit: Fit, given: Motion) -> bool:
+        """Whether a fit held at the given initial pose has the support of a first one, or any where chance has none."""
+        sure = fit.finite and fit.log10_false_alarms(HYPOTHESES) < SURE
+        enough = sure or fit.support >= self.config.initialization.min_support
+        return fit.finite and enough and not self.is_by_chance(fit, given, False)
 
     def may_begin_at(self, fit: Fit) -> bool:
         """Whether a fit that a search found would do as a first one, of which nothing is known."""

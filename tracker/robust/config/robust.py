@@ -44,7 +44,7 @@ class MotionConfig:
 
 @dataclass(frozen=True)
 class InitializationConfig:
-    """Initialization: the initial pose is kept if the image supports it, otherwise searched."""
+    """Initialization: the initial pose is kept if chance does not explain what is found there, otherwise searched."""
 
     sigma: Sigma = 0.005
     """Standard deviation of a known pose, as a fraction of the range and in rad: of the initial pose, and of a fitted
@@ -53,7 +53,7 @@ class InitializationConfig:
     """The same in the prior-constrained fit, and once the initial pose was kept. Measured on 22 first frames: the
     support is 0.36 to 0.81 at the true pose, 0.29 to 0.78 at errors of 0.3 %, 0.04 to 0.28 at 1 % and above."""
     min_support: Part = 0.3
-    """Least support of the first frame, while appearance is unknown. Measured on 22 first frames."""
+    """Least support of a first pose that a search found, while appearance is unknown. Measured on 22 first frames."""
 
 
 @dataclass(frozen=True)
