@@ -419,6 +419,24 @@ def test_a_bayer_mosaic_has_its_colours_in_their_places(tmp_path):
     assert (image == (50, 100, 200)).all()
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_compressed_mosaic_has_its_colours_too(tmp_path, bits):
+    """As image_transport compresses `bayer_rggb8`: in grey; the mosaic itself had been the image."""
+    mosaic = np.full((48, 64), 100, np.uint8)
+    mosaic[::2, ::2], mosaic[1::2, 1::2] = 200, 50
+    png = cv2.imencode(".png", mosaic if bits == 8 else mosaic.astype(np.uint16) * 257)[1].tobytes()
+    topics = {"/image": [(s, packed(s, f"bayer_rggb{bits}; png compressed ", png)) for s in STAMPS]}
+    (_, image), *_ = images_of(written(tmp_path / "bag", topics), "/image", Camera.from_field_of_view(64, 48, 60))
+    assert (image == (50, 100, 200)).all()
+
+
+def test_compressed_colours_of_a_bayer_camera_stay(tmp_path):
+    png = cv2.imencode(".png", PICTURE)[1].tobytes()
+    topics = {"/image": [(s, packed(s, "bayer_rggb8; png compressed bgr8", png)) for s in STAMPS]}
+    (_, image), *_ = images_of(written(tmp_path / "bag", topics), "/image", Camera.from_field_of_view(64, 48, 60))
+    assert (image == PICTURE).all()
+
+
 def test_a_tracker_runs_on_the_images_of_a_bag(tmp_path, real):
     png = cv2.imencode(".png", PICTURE)[1].tobytes()
     topics = {

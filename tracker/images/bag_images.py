@@ -29,6 +29,8 @@ ENCODINGS: dict[str, tuple[int, int | None]] = {
     "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
 }
 """Bytes per pixel of each supported encoding of sensor_msgs/image_encodings.hpp, and its conversion to BGR."""
+BAYER = "bayer_"
+"""Beginning of the encodings of mosaics, which image_transport compresses in grey: `bayer_rggb8; png compressed `."""
 
 
 class StampedImage(NamedTuple):
@@ -86,9 +88,9 @@ def _raw(name: Path, message: Any) -> Image:
 
 
 def _compressed(name: Path, message: Any, camera: Camera) -> Image:
-    """BGR image of a CompressedImage message: PNG, JPEG, or another supported image format."""
+    """BGR image of a CompressedImage message, also of a mosaic: PNG, JPEG, or another supported image format."""
     try:
-        return decoded(name, message.data.tobytes(), bits=camera.bits)
+        image = decoded(name, message.data.tobytes(), bits=camera.bits)
     except DarkImageError:
         raise
     except UserError:
@@ -96,3 +98,15 @@ def _compressed(name: Path, message: Any, camera: Camera) -> Image:
             f"{name}: its data, of the format {message.format!r}, are not a supported image (PNG, JPEG); convert the "
             "topic, as with image_transport's republish"
         ) from None
+    return _demosaiced(name, message.format, image)
+
+
+def _demosaiced(name: Path, told: str, image: Image) -> Image:
+    """BGR image of one that is as its file has it, a mosaic in grey where the format of its message says so."""
+    mosaic = told.partition(";")[0].strip()
+    if not mosaic.startswith(BAYER) or np.ptp(image, axis=2).any():
+        return image
+    _, convert = ENCODINGS.get(mosaic.removesuffix("16").removesuffix("8") + "8", (0, None))  # 8 bits by now
+    if convert is None:
+        raise UserError(f"{name}: its format {told!r} is not read; convert the topic, as with image_proc")
+    return np.asarray(cv2.cvtColor(image[..., 0], convert), dtype=np.uint8)
