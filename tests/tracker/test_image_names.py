@@ -28,6 +28,12 @@ def named(*names):
         ["f1_07.png", "f1_08.png"],
         ["20240101_120000.png", "20240101_120001.png"],
         ["1_01.png", "2_02.png", "9_03.png"],
+        [f"20240101_1200{k // 15:02d}_{k % 15:03d}.png" for k in range(40)],
+        [f"DJI_2024010112{k // 900:02d}{k // 15 % 60:02d}_{k:04d}_V.JPG" for k in range(1000)],
+        [f"PXL_20240101_1200{k // 15:02d}{k % 15 * 1000 // 15:03d}.jpg" for k in range(40)],
+        [f"20240101_120000_{k:04d}.png" for k in range(40)],
+        [f"20241399_1200{k:02d}.png" for k in range(40)],
+        [f"{k:04d}_{1403636579000000000 + round(k * 1e9 / 15)}.png" for k in range(5)],
         [f"{1403636579000000000 + round(k * 1e9 / 15)}.png" for k in range(5)],
         [f"{1403636579000 + round(k * 1e3 / 15)}.png" for k in range(5)],
         [f"{1305031102.8 + k / 15:.6f}.png" for k in range(5)],
@@ -59,6 +65,20 @@ def test_names_without_gaps_leave_no_doubt(names):
             for form in ("{:.6f}.png", "cam0.{:.6f}.png", "{:.3f}.png", "{}.png")
         ),
         ([f"{k / 30:.3f}.png" for k in range(40)], "look like times .* taken 1 / 15 s apart; correct"),
+        *(
+            ([form.format(2 * k // 60, 2 * k % 60, k + 1) for k in range(40)], "look like times .* 1 / 15 s apart")
+            for form in (
+                "DJI_2024013112{0:02d}{1:02d}_{2:04d}_V.JPG",
+                "IMG_20240131_12{0:02d}{1:02d}.jpg",
+                "2024-01-31-12-{0:02d}-{1:02d}.png",
+                "frame_{2:04d}_2024-01-31T12:{0:02d}:{1:02d}.250.png",
+            )
+        ),
+        (
+            [f"{k:04d}_{1403636579000000000 + k * 50_000_000}.png" for k in range(5)],
+            "look like times .* 1 / 15 s apart",
+        ),
+        ([f"{k:04d}_{1305031102.8 + k / 30:.6f}.png" for k in range(9)], "look like times .* 1 / 15 s apart"),
         (["left1.png", "left2.png", "right1.png"], "right1.png follows left2.png: if these are of different cameras"),
     ],
 )
@@ -66,6 +86,12 @@ def test_a_doubt_says_where_and_what_to_do(names, message):
     (found,) = doubts_of_names(named(*names), 15.0)
     with pytest.raises(UserError, match=message):
         raise UserError(found)
+
+
+def test_stills_two_seconds_apart_are_of_half_a_hertz():
+    """Their names are times of day, whose seconds end at 59."""
+    names = [f"DJI_2024013112{2 * k // 60:02d}{2 * k % 60:02d}_{k + 1:04d}_V.JPG" for k in range(100)]
+    assert doubts_of_names(named(*names), 0.5) == []
 
 
 @pytest.mark.parametrize("first_s", [0.0, 1305031102.0])

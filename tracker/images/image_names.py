@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +21,13 @@ SECONDS = re.compile(r"(?:.*[^0-9])?([0-9]+)\.([0-9]+)")
 """Name that ends in a number with decimals, or in two numbers, as of a take and its images."""
 EPOCH_DIGITS, MOST_COUNTED_DIGITS = 10, 8
 """Digits of whole seconds since 1970 from 2001 on; of the largest count of images behind a point."""
+DATE_TIME = re.compile(
+    r"(?<![0-9])((?:19|20)\d\d)([-_.]?)(\d\d)\2(\d\d)[-_ T.]*(\d\d)([-_.]?)(\d\d)\6(\d\d)(?:\.?(\d{3}))?(?![0-9])",
+    re.ASCII,
+)
+"""Date and time of day, perhaps with ms: `DJI_20240131120005_0001`, `IMG_20240131_120005`, `2024-01-31-12-00-05`."""
+SECOND, MILLISECOND = 1.0, 1e-3
+"""Steps of times of day in s, without and with ms."""
 JITTER, DRIFT = 0.1, 0.01
 """Shares by which one step of these times, and their mean, may differ from the rate's: whole ms at 60 Hz are 6 %."""
 
@@ -67,6 +76,11 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
 
     They are taken 1 / rate_hz apart whatever their names say.
     """
+    taken = f"the images are taken 1 / {rate_hz:g} s apart"
+    times = (
+        f"{images[0].parent}: the names of the images look like times ({images[0].name}), which are not read: "
+        f"{taken}; correct the rate, or give a video or a bag with these times"
+    )
     seconds = in_seconds(images)
     parts = [by_numbers(path.stem, seconds) for path in images]
     texts = [part[::2] for part in parts]
@@ -76,19 +90,18 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
             f"{images[0].parent}: {images[other].name} follows {images[other - 1].name}: if these are of different "
             "cameras or flights, put them into folders of their own"
         ]
-    columns = [column for column in zip(*(part[1::2] for part in parts), strict=True) if len(set(column)) > 1]
-    if len(columns) != 1:
+    dates = _dates(images)
+    if dates is not None:
+        return [] if dates.are_of(rate_hz) else [times]
+    columns = list(zip(*(part[1::2] for part in parts), strict=True))
+    stamps = columns[-1:] if seconds else [each for each in columns if len(str(each[-1])) >= STAMP_DIGITS]
+    changing = [column for column in columns if len(set(column)) > 1]
+    for column in (each for each in changing if each in stamps):
+        told = any(fits(_steps(column) / unit * rate_hz) for unit in ((1.0,) if seconds else UNITS))
+        return [] if told else [times]
+    if len(changing) != 1:
         return []
-    numbers = [Decimal(number) for number in columns[0]]
-    steps = np.array([float(after - before) for before, after in pairwise(numbers)])
-    taken = f"the images are taken 1 / {rate_hz:g} s apart"
-    if seconds or len(str(numbers[-1])) >= STAMP_DIGITS:
-        if any(fits(steps / unit * rate_hz) for unit in ((1.0,) if seconds else UNITS)):
-            return []
-        return [
-            f"{images[0].parent}: the names of the images look like times ({images[0].name}), which are not read: "
-            f"{taken}; correct the rate, or give a video or a bag with these times"
-        ]
+    steps = _steps(changing[0])
     gaps = np.flatnonzero(steps > steps.min())
     if not len(gaps):
         return []
@@ -98,6 +111,44 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
         f"{images[k].parent}: after {images[k].name} comes {images[k + 1].name}{more}: if images are missing, the "
         f"times are wrong from there on, since {taken}; copy the one before into each gap, or track each part by itself"
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Dates:
+    """Times (n,) of images by dates in their names, in s since the first one, and what they are rounded to."""
+
+    seconds: NDArray[np.float64]
+    step_s: float
+
+    def are_of(self, rate_hz: float) -> bool:
+        """Whether images 1 / rate_hz apart have these times."""
+        taken = np.arange(len(self.seconds)) / rate_hz
+        return bool((np.abs(self.seconds - taken) <= self.step_s + JITTER / rate_hz + DRIFT * taken).all())
+
+
+def _dates(images: Sequence[Path]) -> _Dates | None:
+    """Times of images whose names all have one date and time of day; None for other names, or one time for all."""
+    found = [DATE_TIME.search(path.stem) for path in images]
+    matches = [each for each in found if each]
+    if len(matches) < len(found):
+        return None
+    try:
+        moments = [datetime(*(int(each[k]) for k in (1, 3, 4, 5, 7, 8))) for each in matches]  # type: ignore[arg-type]
+    except ValueError:  # no day of a month
+        return None
+    seconds = np.array(
+        [
+            (moment - moments[0]).total_seconds() + int(each[9] or 0) / 1e3
+            for moment, each in zip(moments, matches, strict=True)
+        ]
+    )
+    whole = any(each[9] is None for each in matches)
+    return _Dates(seconds - seconds[0], SECOND if whole else MILLISECOND) if np.ptp(seconds) else None
+
+
+def _steps(numbers: Sequence[str | Decimal]) -> NDArray[np.float64]:
+    """Steps (n - 1,) between numbers, which may be too large for floats."""
+    return np.array([float(Decimal(after) - Decimal(before)) for before, after in pairwise(numbers)])
 
 
 def fits(steps: NDArray[np.float64]) -> bool:
