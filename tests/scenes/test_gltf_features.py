@@ -156,6 +156,20 @@ def with_sparse(head: dict[str, Any]) -> dict[str, Any]:
     return head
 
 
+def with_gloss(head: dict[str, Any]) -> dict[str, Any]:
+    """The box with a material of the older extension, whose colours are in a texture."""
+    head = with_texture()(head)
+    gloss = {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}
+    return head | {"materials": [{"name": "brick", "extensions": gloss}]}
+
+
+def with_camera_on(head: dict[str, Any]) -> dict[str, Any]:
+    """The box beside another one, on whose node a camera is."""
+    view = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
+    nodes = [{"mesh": 0}, {"mesh": 0, "camera": 0, "translation": [9, 0, 0]}]
+    return head | {"cameras": [view], "nodes": nodes, "scenes": [{"nodes": [0, 1]}]}
+
+
 def with_weights(head: dict[str, Any]) -> dict[str, Any]:
     head["meshes"][0]["weights"] = [0.0, 1.0]
     return head
@@ -182,6 +196,8 @@ def with_weights(head: dict[str, Any]) -> dict[str, Any]:
             "mesh box has normalized integers as coordinates",
         ),
         (with_attribute("COLOR_0", "u2", 4, normalized=True), "mesh box has colours of 16 bits: not supported; export"),
+        (with_gloss, "its material brick has a texture of KHR_materials_pbrSpecularGlossiness: not supported; export"),
+        (with_camera_on, "its node 1 has a camera beside a mesh or further nodes: not supported; export it without"),
     ],
     ids=[
         "byte",
@@ -196,6 +212,8 @@ def with_weights(head: dict[str, Any]) -> dict[str, Any]:
         "transform",
         "normalized uv",
         "colours",
+        "gloss",
+        "camera",
     ],
 )
 def test_what_would_be_left_out_is_refused_by_its_name(tmp_path: Path, change: Change, told: str) -> None:

@@ -11,6 +11,9 @@ SUPPORTED = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp
 """Extensions that a file may require: read, of no effect on surfaces, or checked where they are used."""
 LOOKS = "KHR_materials_"
 """Beginning of the names of extensions for gloss, transmission and the like, none of which is drawn."""
+GLOSS = "KHR_materials_pbrSpecularGlossiness"
+GLOSS_TEXTURES = ("diffuseTexture", "specularGlossinessTexture")
+"""Extension of older files in place of metallic and roughness, and its textures, which trimesh converts in part."""
 FAN = 6
 """Primitive mode of triangle fans (glTF 2.0, 3.7.2.1)."""
 FLOAT, USHORT = 5126, 5123
@@ -42,9 +45,11 @@ def _of_the_file(scene: dict[str, Any]) -> Iterator[Feature]:
 def _of_nodes(scene: dict[str, Any]) -> Iterator[Feature]:
     meshes = scene.get("meshes", [])
     for number, node in enumerate(scene.get("nodes", [])):
+        place = f"its node {node.get('name', number)}"
+        if "camera" in node and ("mesh" in node or node.get("children")):  # trimesh takes it for a camera alone
+            yield Feature(f"{place} has a camera beside a mesh or further nodes", "export it without cameras")
         if "mesh" not in node:
             continue
-        place = f"its node {node.get('name', number)}"
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
             yield Feature(f"{place} has instances (EXT_mesh_gpu_instancing)", "export each of them as a node")
         if "skin" in node:
@@ -64,6 +69,12 @@ def _of_meshes(scene: dict[str, Any]) -> Iterator[Feature]:
             yield from _of_primitive(place, primitive, scene.get("accessors", []), textured=texture is not None)
             if which is None and _is_short(primitive["attributes"].get("COLOR_0"), scene.get("accessors", [])):
                 yield Feature(f"{place} has colours of 16 bits", "export them with 8 bits, or as floats")
+            gloss = material.get("extensions", {}).get(GLOSS, {})
+            if any(key in gloss for key in GLOSS_TEXTURES):
+                yield Feature(
+                    f"its material {material.get('name', which)} has a texture of {GLOSS}",
+                    "export it with metallic and roughness, as `gltf-transform metalrough` does",
+                )
             if texture is not None:
                 yield from _of_texture(f"its material {material.get('name', which)}", texture)
 
