@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from uavbench.bench.cli.main import main
 from uavbench.scenes.camera import Camera
+from uavbench.tracker.images.camera_doubts import doubts_of_info
 from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.trajectory import Trajectory
@@ -510,3 +511,93 @@ def test_covariances_of_odometry_give_its_nees(tmp_path, tum):
     assert found["n"] == ROWS - 1
     assert found["mean"] == pytest.approx(np.mean(wanted), rel=1e-9)
     assert "nees" not in evaluated(tum, f"{written(tmp_path / 'none', {'/odom': rows(6)})}:/odom")
+
+
+K_AND_D = {"k": (50.0, 50.0, 31.0, 24.0), "d": (-0.3, 0.1, 0.001, 0.002, 0.01), "model": "plumb_bob"}
+P = (40.0, 41.0, 32.0, 23.0)
+
+
+def camera_info(k, d, model, p=P, binning=0, offset=(0, 0)):
+    """As a driver sends it; P is that of images rectified by image_proc."""
+    roi = make("sensor_msgs/RegionOfInterest", x_offset=offset[0], y_offset=offset[1], height=0, width=0,
+               do_rectify=False)  # fmt: skip
+    return make(
+        "sensor_msgs/CameraInfo", header=header(STAMPS[0], "cam"), height=48, width=64, distortion_model=model,
+        d=np.array(d), k=np.array([k[0], 0, k[2], 0, k[1], k[3], 0, 0, 1.0]), r=np.eye(3).reshape(-1),
+        p=np.array([p[0], 0, p[2], 0, 0, p[1], p[3], 0, 0, 0, 1.0, 0]), binning_x=binning, binning_y=binning, roi=roi,
+    )  # fmt: skip
+
+
+def told_of(tmp_path, topic, camera, **info):
+    bag = written(
+        tmp_path / "bag",
+        {topic: [(s, raw(s, "bgr8", PICTURE)) for s in STAMPS], "/cam/camera_info": [(STAMPS[0], camera_info(**info))]},
+    )
+    return doubts_of_info(BagTopic(bag, topic), Camera(64, 48, *camera))
+
+
+@pytest.mark.parametrize(
+    ("topic", "camera", "change", "doubt"),
+    [
+        ("/cam/image_rect", (*P, "radtan", (-0.3, 0.1, 0.001, 0.002)), {}, "rectified by their name"),
+        ("/cam/image_rect_color/compressed", (*K_AND_D["k"], "none", ()), {}, "have its P, fx = 40, fy = 41, cx = 32"),
+        ("/cam/image_raw", (*P, "none", ()), {}, "tells a distortion of the images of image_raw, plumb_bob"),
+        (
+            "/cam/image_raw",
+            (*P, "radtan", K_AND_D["d"]),
+            {},
+            "those of its P; the images of image_raw have its K, fx = 50",
+        ),
+        ("/cam/image_raw", (*K_AND_D["k"], "radtan", K_AND_D["d"][:4]), {}, 'distortion_model = "radtan" with all'),
+        (
+            "/cam/image_raw",
+            (*K_AND_D["k"], "radtan", (-0.3, 0.1, 0.001, 0.002)),
+            {"d": (-0.3, 0.1, 0.001, 0.002), "model": "equidistant"},
+            'distortion_model = "equidistant" with all',
+        ),
+        (
+            "/cam/image_raw",
+            (*K_AND_D["k"], "radtan", (-0.3, 0.1, 0.001, 0.002, 0.01)),
+            {"d": (-0.3, 0.1, 0.001, 0.002, 0.01, 0.2, 0.0, 0.0), "model": "rational_polynomial"},
+            "calibrate with plumb_bob instead",
+        ),
+        (
+            "/cam/image_raw",
+            (*P, "radtan", K_AND_D["d"]),
+            {"k": (200.0, 200.0, 103.5, 84.5), "p": (80.0, 82.0, 104.5, 82.5), "binning": 2, "offset": (40, 36)},
+            "have its K, fx = 100, fy = 100, cx = 31.5, cy = 24",
+        ),
+    ],
+)
+def test_a_camera_that_its_bag_contradicts_is_doubted(tmp_path, topic, camera, change, doubt):
+    (told,) = told_of(tmp_path, topic, camera, **(K_AND_D | change))
+    assert doubt in told
+
+
+@pytest.mark.parametrize(
+    ("topic", "camera", "change"),
+    [
+        ("/cam/image_raw", (*K_AND_D["k"], "radtan", K_AND_D["d"]), {}),
+        ("/cam/image_rect", (*P, "none", ()), {}),
+        ("/cam/image_raw", (52.0, 52.0, 30.0, 25.0, "radtan", (-0.28, 0.07, 0.0, 0.0)), {}),
+        ("/cam/image_raw", (*P, "none", ()), {"k": (0.0, 0.0, 0.0, 0.0), "d": ()}),
+        ("/cam/image_raw", (*P, "none", ()), {"k": P, "d": (0.0,) * 5}),
+        ("/cam/image_raw", (*P, "none", ()), {"k": P, "d": ()}),
+        (
+            "/cam/image_raw",
+            (*K_AND_D["k"], "radtan", K_AND_D["d"]),
+            {"d": (*K_AND_D["d"], 0.0, 0.0, 0.0), "model": "rational_polynomial"},
+        ),
+        ("/other/image_raw", (*P, "none", ()), {}),
+    ],
+)
+def test_a_camera_that_is_the_one_of_its_bag_leaves_no_doubt(tmp_path, topic, camera, change):
+    assert told_of(tmp_path, topic, camera, **(K_AND_D | change)) == []
+
+
+def test_track_tells_of_a_camera_that_the_bag_contradicts(tmp_path, real):
+    info = camera_info(**K_AND_D)
+    topics = {"/cam/image_raw": [(s, raw(s, "bgr8", PICTURE)) for s in STAMPS], "/cam/camera_info": [(STAMPS[0], info)]}
+    bag = written(tmp_path / "bag", topics)
+    done = call("track", "hold", "--bag", bag, "--image-topic", "/cam/image_raw", *real, "--out", tmp_path / "out")
+    assert "doubt: " in done.output and "/cam/camera_info: tells a distortion of the images" in done.output

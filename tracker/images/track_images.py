@@ -12,7 +12,7 @@ from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.image_files import SUFFIXES, begin_video, finish_video, is_shown, open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
-from uavbench.tracker.images.camera_doubts import doubts_of_camera
+from uavbench.tracker.images.camera_doubts import doubts_of_camera, doubts_of_info
 from uavbench.tracker.images.image_levels import BlackImages
 from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, in_seconds, refuse_twins
 from uavbench.tracker.images.image_times import doubts_of_times
@@ -57,8 +57,8 @@ def track_images(
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
     times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, are nearly
-    black, or seem to be missing, of files with times beside them, of a model that seems to be in another unit, and of a
-    principal point of another convention.
+    black, or seem to be missing, of files with times beside them, of a model that seems to be in another unit, of a
+    principal point of another convention, and of a `camera_info` beside a topic that tells another camera.
     UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
@@ -95,7 +95,7 @@ def track_images(
         record["doubts"] = [
             *doubts_of_camera(lens),
             *doubts_of_size(structure, first),
-            *_doubts(source, images, rate_hz),
+            *_doubts(source, images, rate_hz, lens),
             *levels.doubts(name),
         ]
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
@@ -103,12 +103,12 @@ def track_images(
     return results
 
 
-def _doubts(source: Path | BagTopic, images: Iterable[StampedImage], rate_hz: float) -> list[str]:
-    """Messages on images that could not be read, or seem to be missing."""
+def _doubts(source: Path | BagTopic, images: Iterable[StampedImage], rate_hz: float, camera: Camera) -> list[str]:
+    """Messages on images that could not be read, seem to be missing, or have another camera by their bag."""
     if isinstance(images, VideoImages):
         return images.doubts
     if isinstance(source, BagTopic):
-        return []
+        return doubts_of_info(source, camera)
     return [*doubts_of_names(in_order(source), rate_hz), *doubts_of_times(source, rate_hz)]
 
 
