@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -161,3 +163,19 @@ def test_a_missing_image_is_told_by_both_commands(tmp_path):
         given = [str(tmp_path / word) if (tmp_path / word).exists() else word for word in given]
         done = CliRunner().invoke(main, [command, *given, "--out", str(tmp_path / f"{command}2")])
         assert done.exit_code == 2 and "would count as two images" in done.output, done.output
+
+
+def test_a_recorded_suite_tells_of_times_beside_its_images_and_of_black_ones(tmp_path):
+    """As `track --images` does of the same images."""
+    own_images(tmp_path)
+    *_, last = frames = sorted((tmp_path / "frames").iterdir())
+    cv2.imwrite(str(last), np.zeros_like(cv2.imread(str(last))))
+    (tmp_path / "suite.toml").write_text(OWN_IMAGES)
+    for rate_hz, told in ((15, 0), (10, 1)):
+        lines = [f"{k / rate_hz:.6f} frames/{path.name}" for k, path in enumerate(frames)]
+        (tmp_path / "rgb.txt").write_text("\n".join(lines))
+        out = tmp_path / str(rate_hz)
+        done = CliRunner().invoke(main, ["render", str(tmp_path / "suite.toml"), "--jobs", "1", "--out", str(out)])
+        assert done.exit_code == 0, done.output
+        assert done.output.count("rgb.txt: seems to hold the times of the images, which are not read") == told
+        assert f"frames: 1 of {len(frames)} images have no grey level above 8 of 255" in done.output
