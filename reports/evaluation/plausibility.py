@@ -1,4 +1,7 @@
-"""Plausibility checks of a trajectory: units of stamps and positions, order of quaternions, direction of poses."""
+"""Plausibility of trajectories: units, order of quaternions, direction and axes of poses, poses that nobody measured.
+
+The latter are those of motion capture that lost its markers.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -21,6 +24,11 @@ STILL_RAD, CONSTANT = np.radians(1.0), 0.1
 """Median turn since the first pose below which any rotation is constant; spread of a constant one in such turns."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
+SECOND_NS, LASTS = 10**9, 2.0
+"""Step of the numbers of frames that were taken for stamps, and how much longer than the other file they last."""
+REPEATED, MOVED = 5, 5.0
+"""Equal poses of the ground truth in a row from which on motion capture may have lost its markers, if the estimate has
+moved meanwhile, in medians of its steps."""
 OTHERWISE: Mapping[str, Callable[[Array], Array]] = {
     "its quaternions were read w first": lambda q: q[:, [1, 2, 3, 0]],
     "its quaternions were read w last": lambda q: q[:, [3, 0, 1, 2]],
@@ -37,6 +45,7 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     pairs: matched poses before alignment.
     """
     yield from doubts_of_stamps(reference, estimate)
+    yield from _doubts_of_capture(reference, pairs)
     if len(pairs) < 3:
         return
     near, far = _from_middle(pairs.estimate_m), _from_middle(pairs.reference_m)
@@ -46,11 +55,19 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     e, r = pairs.estimate_q, pairs.reference_q
     if found := (align == "none" and _fitting(e, r, lambda q: q)) or _fitting(e, r, _since_first):
         said = " or if ".join(found)
-        yield f"the rotations of the estimate would fit if {said}: are their order and direction (to the world) right?"
+        yield (
+            f"the rotations of the estimate would fit if {said}: are order and direction (to the world) right, also "
+            "those of the reference?"
+        )
     elif align == "none" and (turned_deg := _turned_deg(e, r)):
         yield (
             f"the rotations of the estimate are those of the reference, turned by the same {turned_deg:.0f} degrees in "
             "all poses: are the axes of the camera, body or world others, or is a --mount inverted?"
+        )
+    elif align == "none" and (turned_deg := _turned_deg(conjugate(e), conjugate(r))):
+        yield (
+            f"the rotations of the estimate are those of the reference in a world turned by {turned_deg:.0f} degrees: "
+            "are the axes of one world others, as y up? Turn them, or give --align"
         )
 
 
@@ -64,10 +81,56 @@ def doubts_of_stamps(reference: Trajectory, estimate: Trajectory) -> Iterator[st
             f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
             "format (TUM: seconds, EuRoC: nanoseconds)?"
         )
+        return
+    for whose, counted, other in (("estimate", estimate, theirs), ("reference", reference, ours)):
+        steps = np.diff(counted.stamps_ns)
+        if len(steps) > 1 and (steps == SECOND_NS).all() and float(steps.sum()) > LASTS * other > 0:
+            yield (
+                f"the stamps of the {whose} are a second apart, {steps.sum() / SECOND_NS:.0f} s in all, and the other "
+                f"trajectory lasts {other / SECOND_NS:.3g} s: are they numbers of frames? Write their times"
+            )
+
+
+def _doubts_of_capture(reference: Trajectory, pairs: PosePairs) -> Iterator[str]:
+    """A sentence where the reference falls back to its origin, or stays at one pose to the last digit.
+
+    So does motion capture write frames in which it saw too few markers.
+    """
+    lost = (reference.positions_m == 0).all(axis=1)
+    falls = np.flatnonzero(lost[1:] & ~lost[:-1]) + 1
+    if len(falls):
+        yield (
+            f"the reference is at 0, 0, 0 in {lost.sum()} of {len(reference)} poses, and elsewhere before, as at "
+            f"{reference.stamps_ns[falls[0]] / SECOND_NS:.3f} s: did motion capture lose its markers? Remove these rows"
+        )
+    poses = np.hstack([pairs.reference_m, pairs.reference_q])
+    starts = np.r_[0, np.flatnonzero((poses[1:] != poses[:-1]).any(axis=1)) + 1]
+    ends = np.r_[starts[1:], len(pairs)]
+    steps_m = np.linalg.norm(np.diff(pairs.estimate_m, axis=0), axis=1)
+    moved_m = MOVED * float(np.median(steps_m)) if len(steps_m) else 0.0
+    held = [
+        slice(start, end)
+        for start, end in zip(starts, ends, strict=True)
+        if end - start > REPEATED and _reach(pairs.estimate_m[start:end]) > moved_m
+    ]
+    if held and len(starts) > 1:
+        count, first_s = sum(run.stop - run.start for run in held), pairs.stamps_ns[held[0].start] / SECOND_NS
+        yield (
+            f"the reference stays at one pose, to the last digit, in {count} of {len(pairs)} matched poses, while the "
+            f"estimate moves, as from {first_s:.3f} s on: did motion capture lose its markers? Remove these rows"
+        )
+
+
+def _reach(positions_m: Array) -> float:
+    """Largest distance from the first of positions (n, 3)."""
+    return float(np.linalg.norm(positions_m - positions_m[0], axis=1).max())
 
 
 def _turned_deg(estimate_q: Array, reference_q: Array) -> float:
-    """Angle in degrees of the one rotation of moving axes between rotations (n, 4); 0 if small, or if there is none."""
+    """Angle in degrees of the one rotation of moving axes between rotations (n, 4); 0 if small, or if there is none.
+
+    Of inverse rotations it is that of the fixed axes.
+    """
     turns, motion_rad = between(reference_q, estimate_q), _angle(_since_first(reference_q), IDENTITY)
     off_rad, spread_rad = _angle(turns, IDENTITY), _angle(_since_first(turns), IDENTITY)
     turned = off_rad > CLOSE_RAD and motion_rad > STILL_RAD and spread_rad < CONSTANT * motion_rad

@@ -298,7 +298,7 @@ def test_quaternions_in_another_order_are_told_in_another_world_too(tmp_path: Pa
         evaluate_files(truth, written(tmp_path / f"{order}.tum", moved, order=order), align=align).record["doubts"]
         for order in ("xyzw", "wxyz")
     )
-    assert right == []
+    assert len(right) == (align == "none") and all("in a world turned by 59 degrees" in line for line in right), right
     assert len(wrong) == 1 and "would fit if its quaternions were read w first" in wrong[0], wrong
 
 
@@ -310,6 +310,63 @@ def test_inverse_poses_are_told(tmp_path: Path, align: str) -> None:
     truth = written(tmp_path / "truth.tum", way)
     (said,) = evaluate_files(truth, written(tmp_path / "inverse.tum", inverse), align=align).record["doubts"]
     assert said.startswith("the rotations of the estimate would fit if ") and "its poses were inverted" in said
+
+
+def test_a_world_of_other_axes_is_told(tmp_path: Path) -> None:
+    """As motion capture with y up: all rotations are off by 90 degrees, of which nothing had been said."""
+    way, y_up = circle(), Pose.exp(np.array([0.0, 0.0, 0.0, -np.pi / 2, 0.0, 0.0]))
+    moved = Trajectory.from_poses(way.stamps_ns.tolist(), [y_up @ way.pose(k) for k in range(len(way))])
+    truth, other = written(tmp_path / "truth.tum", moved), written(tmp_path / "estimate.tum", way)
+    (said,) = evaluate_files(truth, other).record["doubts"]
+    assert "in a world turned by 90 degrees: are the axes of one world others, as y up?" in said
+    assert evaluate_files(truth, other, align="se3").record["doubts"] == []
+
+
+def lost(way: Trajectory, rows: range, p: np.ndarray | None = None) -> Trajectory:
+    """Ground truth that has in these rows the position p and no rotation, or else the pose of the first of them."""
+    positions, quaternions = way.positions_m.copy(), way.quaternions_wxyz.copy()
+    positions[rows] = positions[rows[0]] if p is None else p
+    quaternions[rows] = quaternions[rows[0]] if p is None else (1.0, 0.0, 0.0, 0.0)
+    return Trajectory(way.stamps_ns, positions, quaternions)
+
+
+def test_ground_truth_whose_markers_were_lost_is_told(tmp_path: Path) -> None:
+    """It had been taken as it is: errors were those of the motion capture."""
+    way = circle()
+    estimate, count = written(tmp_path / "estimate.tum", way), len(way)
+    for rows, p, told in (
+        (range(5, 9), np.zeros(3), f"the reference is at 0, 0, 0 in 4 of {count} poses, and elsewhere before, as at "),
+        (range(count // 2, count), None, "the reference stays at one pose, to the last digit, in"),
+        (range(5, 25), None, f"in 20 of {count} matched poses, while the estimate moves, as from"),
+    ):
+        said = evaluate_files(written(tmp_path / "truth.tum", lost(way, rows, p)), estimate).record["doubts"]
+        assert len(said) == 1 and told in said[0] and "lose its markers? Remove these rows" in said[0], said
+
+
+def test_ground_truth_at_rest_or_at_its_origin_leaves_no_doubt(tmp_path: Path) -> None:
+    way, still = circle(), range(20)
+    first = way.pose(0).inverse()
+    begun = Trajectory.from_poses(way.stamps_ns.tolist(), [first @ way.pose(k) for k in range(len(way))])
+    resting = lost(begun, still)
+    noise = np.random.default_rng(0).normal(0, 0.003, (len(way), 3))
+    estimate = Trajectory(way.stamps_ns, resting.positions_m + noise, resting.quaternions_wxyz)
+    truth, seen = written(tmp_path / "truth.tum", resting), written(tmp_path / "estimate.tum", estimate)
+    assert evaluate_files(truth, seen).record["doubts"] == []
+    held = written(tmp_path / "held.tum", lost(begun, range(len(way))))
+    assert evaluate_files(truth, held).record["doubts"] == []
+    assert evaluate_files(held, held).record["doubts"] == []
+
+
+def test_numbers_of_frames_in_place_of_times_are_told(tmp_path: Path) -> None:
+    way = circle()
+    counted = Trajectory(np.arange(len(way)) * 10**9, way.positions_m, way.quaternions_wxyz)
+    truth, numbers = written(tmp_path / "truth.tum", way), written(tmp_path / "numbers.tum", counted)
+    for pair, whose in (((truth, numbers), "estimate"), ((numbers, truth), "reference")):
+        said = evaluate_files(*pair, max_difference_s=0.01).record["doubts"]
+        assert f"the stamps of the {whose} are a second apart" in said[0] and "numbers of frames?" in said[0], said
+    sparse = Trajectory(counted.stamps_ns[:3], way.positions_m[:3], way.quaternions_wxyz[:3])
+    told = evaluate_files(truth, written(tmp_path / "sparse.tum", sparse)).record["doubts"]
+    assert not any("numbers of frames" in line for line in told)
 
 
 def test_a_compressed_file_is_named(tmp_path: Path) -> None:
