@@ -153,11 +153,21 @@ def _check_stl(path: Path, data: bytes) -> None:
             )
         return
     held = max(len(data) - STL_HEADER_BYTES, 0) // STL_TRIANGLE_BYTES
-    if (told := int.from_bytes(header[80:84], "little")) != held:
+    if (told := _told(data)) != held:
         raise UserError(
             f"{path}: {'is truncated' if told > held else 'is not as it was written'}: its header counts {told:,} "
             f"triangles, and it holds {held:,}; copy it again, or export the model again"
         )
+
+
+def without_padding(data: bytes) -> bytes:
+    """A binary STL file up to its last triangle: with bytes behind it, trimesh takes it for text without triangles."""
+    return data[: STL_HEADER_BYTES + STL_TRIANGLE_BYTES * _told(data)] if b"\0" in data[:STL_HEADER_BYTES] else data
+
+
+def _told(data: bytes) -> int:
+    """Number of triangles by the header of a binary STL file."""
+    return int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
 
 
 def _beside(path: Path, name: str) -> bool:

@@ -19,7 +19,14 @@ from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.model_files.cao import read_cao
 from uavbench.scenes.model_files.face_limits import check_count
 from uavbench.scenes.model_files.ifc import read_ifc
-from uavbench.scenes.model_files.mesh_checks import check, check_file, check_steps, check_textures, step_of
+from uavbench.scenes.model_files.mesh_checks import (
+    check,
+    check_file,
+    check_steps,
+    check_textures,
+    step_of,
+    without_padding,
+)
 from uavbench.scenes.model_files.mesh_piece import Loaded, is_made_up
 from uavbench.scenes.model_files.obj.digits import written_step
 from uavbench.scenes.model_files.obj.faces import with_triangles
@@ -137,6 +144,7 @@ def read(path: Path) -> list[Loaded]:
     data = data.removeprefix(BOM_UTF8) if kind in (".obj", ".off") else data  # the first line would be unknown
     data = with_plain_lines(path, data) if kind == ".obj" else data
     check_file(path, data)
+    data = without_padding(data) if kind == ".stl" else data
     if kind == ".off":
         kind, data = ".obj", as_obj(path, data)
     plain = data

@@ -580,6 +580,14 @@ def test_an_obj_file_with_a_byte_order_mark_has_all_its_vertices(tmp_path):
     assert one.vertices.tobytes() == other.vertices.tobytes()
 
 
+def test_bytes_behind_the_last_triangle_of_a_binary_stl_file_are_padding(tmp_path: Path) -> None:
+    """trimesh takes such a file for text, which it is not: a model without triangles."""
+    whole = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="stl")
+    for count in (0, 2, 49):
+        (tmp_path / "padded.stl").write_bytes(whole + bytes(count))
+        assert len(built(tmp_path / "padded.stl").structure.edges) == 12
+
+
 def test_a_truncated_binary_stl_file_is_told(tmp_path):
     whole = b"by a scanner".ljust(80, b"\0") + (12).to_bytes(4, "little") + bytes(12 * 50)
     (tmp_path / "half.stl").write_bytes(whole[:-70])
