@@ -10,6 +10,7 @@ from pathlib import Path
 
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
+from uavbench.bench.third_party.registry import absent
 from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 from uavbench.trajectories.files.seals import sealed_kind
@@ -101,12 +102,16 @@ def _clean(folder: Path, depth: int, alone: bool) -> None:
 
 
 def _describe(folder: Path, suite: Suite, kind: str) -> None:
-    """Write `suite.json` unless it is up to date, so that concurrent shards do not write it."""
+    """Write `suite.json` unless it is up to date, so that concurrent shards do not write it.
+
+    A third-party tracker that is absent is not in it: it counts nowhere, nor does what it scored when it was there.
+    """
+    away = absent(suite.trackers)
     about = {
         "suite": suite.name,
         "title": suite.title,
         "sequences": [spec.name for spec in suite.sequences],
-        "trackers": list(suite.trackers),
+        "trackers": [label for label in suite.trackers if label not in away],
         "rates_hz": list(suite.rates_hz),
         "flights": suite.flights,
         **({"loops": list(suite.loops)} if suite.loops else {}),

@@ -8,6 +8,7 @@ import pytest
 
 from tests.bench.test_end_to_end import uavbench
 from uavbench.bench.config.suite import load_suite
+from uavbench.bench.gate.decision import gate, overall
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.third_party import visp
 from uavbench.bench.third_party.opencv_rapid import OpencvRapid
@@ -15,6 +16,7 @@ from uavbench.bench.third_party.rapid_runner import search_range
 from uavbench.bench.third_party.registry import THIRD_PARTY, absent, setup, status
 from uavbench.bench.third_party.visp import Visp
 from uavbench.bench.trial.check import check
+from uavbench.reports.run_folder import load_scores
 from uavbench.trajectories.errors import UserError
 
 SUITE = """
@@ -52,6 +54,22 @@ def test_absent_peers_are_told_and_the_rest_runs(nowhere):
     assert re.search(r"<strong>visp-klt</strong> <span class=\"chip absent\">absent</span>", page)
     assert not list((nowhere / "out" / "results").glob("*/visp*"))
     assert not (nowhere / "out" / "failed").exists()
+
+
+def test_a_peer_that_is_absent_counts_in_no_gate_and_in_no_table_of_scores(nowhere):
+    """The gate failed for want of its numbers, and took those from before it went for those of this run."""
+    (nowhere / "suite.toml").write_text(SUITE)
+    assert uavbench("score", nowhere / "suite.toml", "--out", nowhere / "out", "--jobs", "1").returncode == 0
+    theirs = nowhere / "out" / "results" / "box-s0" / "opencv-rapid@15hz" / "score.json"
+    ours = theirs.parents[1] / "hold@15hz" / "score.json"
+    for left in (False, True):
+        if left:
+            theirs.parent.mkdir()
+            theirs.write_text(ours.read_text().replace('"hold"', '"opencv-rapid"'))
+        findings = gate(nowhere / "out", nowhere / "out")
+        assert {finding.run for finding in findings} == {"hold@15hz"}
+        assert overall(findings) == "inconclusive", "of a single seed"
+        assert set(load_scores(nowhere / "out").tracker) == {"hold"}
 
 
 def test_a_peer_that_comes_makes_the_report_stale_and_its_version_the_results(nowhere):
