@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from uavbench.bench.config.shard import Shard
-from uavbench.bench.config.suite import load_suite, suite_model
+from uavbench.bench.config.suite import Suite, load_suite, suite_model
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.external.program import isolated_trackers
 from uavbench.bench.inputs.touched_files import touched_since
@@ -22,7 +23,7 @@ from uavbench.bench.runner.extent import (
     unreached_in_flights,
 )
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
-from uavbench.bench.runner.jobs import plan, plan_flights
+from uavbench.bench.runner.jobs import plan, plan_flights, plans_of_scores
 from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures
@@ -88,7 +89,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
-        disown_stale_scores(jobs if flown or verb in ("score", "report") else plan(part, folder, "score"))
+        disown_stale_scores(suite, folder, part)
         outcome = run_graph(jobs, *pool)
         if changed := disown_touched(jobs, planned, outcome.done):
             say(changed, err=True)
@@ -125,15 +126,22 @@ def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: boo
     return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
 
 
-def disown_stale_scores(jobs: list[Job]) -> None:
+def disown_stale_scores(suite: Suite, folder: Path, part: Suite) -> None:
     """Let nobody read the scores of earlier inputs as current ones, should the jobs that replace them fail or not run.
 
-    jobs: in topological order, with those that the scores need. Scores that no job made, as those of `uavbench compare`
-    or of a copy without records, stay as they are.
+    Those of replays and of flights, whichever are made now. part: what this process runs of the suite; other shards may
+    be making the rest, of which only scores that were made of other inputs are stale. Scores that no job made, as those
+    of `uavbench compare` or of a copy without records, stay as they are.
     """
-    fresh = {job.name for job in fresh_jobs(jobs)}
-    for job in jobs:
-        if job.verb == "score" and job.name not in fresh and job.place.record.is_file():
+    for jobs in plans_of_scores(part, folder):
+        fresh = {job.name for job in fresh_jobs(jobs)}
+        for job in jobs:
+            if job.verb == "score" and job.name not in fresh and job.place.record.is_file():
+                job.place.disown()
+    here = {spec.name for spec in part.sequences}
+    rest = replace(suite, sequences=tuple(spec for spec in suite.sequences if spec.name not in here))
+    for job in chain(*plans_of_scores(rest, folder) if rest.sequences else ()):
+        if job.verb == "score" and job.place.is_of_other_inputs(job.content_hash):
             job.place.disown()
 
 

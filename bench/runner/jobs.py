@@ -225,6 +225,12 @@ def plan_flights(
     return [job for job in jobs if FLIGHT_VERBS.index(job.verb) <= FLIGHT_VERBS.index(last)]
 
 
+def plans_of_scores(suite: Suite, folder: Path) -> list[list[Job]]:
+    """Jobs up to all scores of a suite in `folder`, in order: of its replays, and, with a `[loop]`, of its flights."""
+    flights = [plan_flights(suite, folder, "score")] if suite.loops else []
+    return [plan(suite, folder, "score"), *flights]
+
+
 def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
     output = folder / "flights" / spec.name / pilot.run
     code = code_hash("trajectories", "scenes", "tracker", "bench/closed_loop", "reports/closed_loop")

@@ -11,7 +11,7 @@ from typing import Any
 
 from uavbench.bench.config.suite import Suite, load_suite, plugins_named, suite_of
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched
+from uavbench.bench.runner.commands import disown_stale_scores, disowned_if_ended, refuse_touched
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
@@ -51,6 +51,7 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
     jobs = planned()
     pool: AbstractContextManager[Any] = local_pool(workers) if workers > 1 else nullcontext((InProcess(), None))
     with suite_folder(folder, checked), disowned_if_ended(jobs, planned), pool as (executor, progress):
+        disown_stale_scores(checked, folder, checked)
         outcome = run_graph(jobs, executor, progress)
         refuse_touched(jobs, planned, outcome.done)
     if outcome.failed:

@@ -126,6 +126,10 @@ class Place:
         """Make the output stale; the files stay, and are known to be uavbench's."""
         Record("", Record.read(self.record).files).write(self.record)
 
+    def is_of_other_inputs(self, content_hash: str) -> bool:
+        """Whether a job made the output of inputs that have another hash."""
+        return Record.read(self.record).content_hash not in ("", content_hash)
+
     @property
     def is_disowned(self) -> bool:
         """Whether the output is known to be unfinished, or of inputs that changed meanwhile."""

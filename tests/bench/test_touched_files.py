@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import uavbench as ub
 from tests.bench.conftest import packed
 from tests.bench.drawn_scores import drawn, write
-from tests.bench.small_suites import SMALL, small_suite
+from tests.bench.small_suites import FLOWN, SMALL, small_suite
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.gate.paired_scores import read_side
@@ -155,6 +155,40 @@ def test_scores_of_earlier_inputs_are_neither_compared_nor_read(tmp_path, monkey
     shutil.rmtree(out / "made" / "results")
     assert scored(good, "render") == 0
     assert not read_side(out).faults, "no job made them: they are those of `compare`"
+
+
+def test_scores_of_earlier_inputs_are_not_read_after_a_shard_or_a_script_made_some_of_the_new_ones(tmp_path):
+    """Scores of two trackers under one name were compared as those of one, and read as current."""
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+
+    def scored(shard=""):
+        assert bring_up_to("score", str(path), out, ExecutionOptions(shard=shard)) == 0
+        return [seed for _, _, seed in read_side(out).faults]
+
+    path.write_text(SMALL)
+    assert scored() == []
+    path.write_text(SMALL.replace('{ kind = "hold" }', '{ kind = "rapid" }'))
+    assert scored("1/2") == [1]
+    with pytest.raises(UserError, match=r"score\.json: made of inputs that changed.*run the suite again"):
+        ub.load_scores(out)
+    assert scored("2/2") == [] and len(ub.load_scores(out)) == 2
+    assert scored("1/2") == [], "those of the other shard are of the same inputs"
+    path.write_text(SMALL.replace("duration_s = 0.3", "duration_s = 0.4"))
+    ub.render(path, out)
+    assert [seed for _, _, seed in read_side(out).faults] == [0, 1]
+
+
+def test_flights_of_earlier_inputs_are_not_compared_after_the_suite_was_replayed(tmp_path):
+    """`suite.json` names the flights of the suite as it is now: the gate took those from before for them."""
+    path, out = tmp_path / "flown.toml", tmp_path / "out"
+    path.write_text(FLOWN)
+    assert bring_up_to("fly", str(path), out, ExecutionOptions()) == 0
+    assert bring_up_to("render", str(path), out, ExecutionOptions()) == 0
+    assert read_side(out).is_flown and not read_side(out).faults
+    path.write_text(FLOWN.replace("duration_s = 0.3", "duration_s = 0.4"))
+    assert bring_up_to("render", str(path), out, ExecutionOptions()) == 0
+    side = read_side(out)
+    assert not side.runs and {run for run, _, _ in side.faults} == {"hold@15hz", "truth@15hz"}
 
 
 def test_a_page_of_an_earlier_run_is_told_where_a_run_ends_without_a_report(tmp_path, capsys):
