@@ -46,6 +46,8 @@ VIDEOS = {
     "Ogg": (0, b"OggS"),
 }
 """Magic bytes of video files, with their offset. Playlists are not accepted: they may name any other file."""
+LEAST_VIDEO = 4096
+"""Bytes that are tried where a video cannot be begun: a block of most file systems."""
 UNCOUNTED = ("Matroska or WebM", "MPEG program", "MPEG", "Ogg")
 """Videos that do not tell their number of images; OpenCV multiplies their duration, if they tell one, by a rate."""
 
@@ -210,10 +212,12 @@ def frame_count(path: Path) -> int:
 def begin_video(path: Path, codec: str, rate_hz: float, size_px: tuple[int, int]) -> cv2.VideoWriter:
     """Writer of a video with a codec, four letters, of images of a width and height.
 
-    UserError when this build of OpenCV cannot: it would write nothing, and tell nothing; and as `_for_opencv`.
+    UserError when this build of OpenCV cannot: it would write nothing, and tell nothing; and as `_for_opencv`. OSError
+    when nothing can be written there, which OpenCV tells alike.
     """
     writer = cv2.VideoWriter(_for_opencv(path, path.name), cv2.VideoWriter.fourcc(*codec), rate_hz, size_px)
     if not writer.isOpened():
+        path.write_bytes(bytes(LEAST_VIDEO))
         raise UserError(f"{path.name}: this build of OpenCV cannot write {codec}; install opencv-python-headless")
     return writer
 

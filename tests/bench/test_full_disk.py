@@ -119,6 +119,15 @@ def test_a_video_that_was_cut_short_anywhere_is_told(tmp_path, codec, name):
         assert told.value.errno == errno.ENOSPC and told.value.filename == str(path)
 
 
+@pytest.mark.parametrize(("codec", "name"), CODECS)
+def test_a_video_of_which_not_a_byte_fits_is_told_as_such(tmp_path, codec, name):
+    """It had been called a codec that this build of OpenCV cannot write."""
+    with pytest.raises(OSError, match=f"{os.strerror(errno.EFBIG)}|of {FRAMES} frames"), files_of_at_most(0):
+        film(tmp_path / name, codec)
+    with pytest.raises(UserError, match="this build of OpenCV cannot write zzzz"):
+        film(tmp_path / name, "zzzz")
+
+
 VIDEOS = {"export": ["export", str(TRIAL), "--format", "video", "--out", "{out}/e"], "track": COMMANDS["track"]}
 
 
