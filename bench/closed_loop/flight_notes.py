@@ -15,6 +15,7 @@ from uavbench.bench.closed_loop.tracking import TimedFault
 from uavbench.reports.closed_loop.flown import Flown, FlownPath, plan_stamps, planned_bodies
 from uavbench.reports.closed_loop.flown_mounts import MOUNT_COLUMNS, FlownMounts
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.shots.targets import missed_target
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
@@ -142,6 +143,7 @@ class Notes:
             "open_loop_rms_m": float(np.sqrt(np.mean(self._open_loop.error_m**2))),
             "open_loop_max_m": float(self._open_loop.error_m.max()),
         }
+        record["versions"]["gl"] = gl.version()
         return {**record, "flight": flight} | ({"unreached": self.unreached} if self.unreached else {})
 
 

@@ -61,7 +61,7 @@ def record(folder: Path, where: Where) -> None:
     if not side.runs or not side.flights:
         raise UserError(f"{folder}: nothing to record; give a folder of `uavbench run`, `score` or `fly`")
     suite = identity(folder, side)
-    entry = entry_of(side, where, environment(folder))
+    entry = entry_of(side, where, environment(folder, side))
     with alone(where.file):
         if where.file.exists():
             history = read_history(where.file)

@@ -10,10 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.drawn_scores import drawn, make_score, write
+from tests.bench.small_suites import FLOWN
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.paired_scores import read_side
 from uavbench.bench.history import record as recording
+from uavbench.bench.history.environment import environment
+from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.reports.history.history_file import History, read_history, write_history
+from uavbench.scenes.rendering import context as gl
 from uavbench.trajectories.errors import UserError
 
 
@@ -129,11 +133,39 @@ def test_a_history_of_another_suite_is_refused(repository, change, words):
     assert file.read_bytes() == before
 
 
+def test_the_environment_is_that_of_the_results_wherever_they_are_recorded(repository):
+    """Results of another machine, and of frames of an earlier form of the suite, were told of as what is here now."""
+
+    def made_with(path, **versions):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"versions": versions}))
+
+    def recorded():
+        assert record("--environment", "any").exit_code == 0
+        return read_history(repository / "history.json").commits[-1].environment
+
+    here, runs = recorded(), sorted((repository / "results" / "results").iterdir())
+    for run in runs:
+        made_with(run / "lsd@15hz" / "record.json", numpy="1.26.0", python=here["python"])
+        made_with(repository / "results" / "sequences" / run.name / "sequence.json", gl="a GPU", numpy="1.25.0")
+    made_with(repository / "results" / "sequences" / "gone-s0" / "sequence.json", gl="another GPU")
+    made_with(runs[0] / "gone@15hz" / "record.json", numpy="1.24.0")
+    assert recorded() == {**here, "numpy": "1.26.0", "gl": "a GPU"}
+    made_with(runs[0] / "lsd@15hz" / "record.json", numpy="2.0.0")
+    assert recorded()["numpy"] == "1.26.0, 2.0.0"
+
+
+def test_the_environment_of_flights_has_the_driver_that_drew_them(tmp_path):
+    (tmp_path / "flown.toml").write_text(FLOWN)
+    assert bring_up_to("fly", str(tmp_path / "flown.toml"), tmp_path / "out", ExecutionOptions()) == 0
+    assert environment(tmp_path / "out", read_side(tmp_path / "out"))["gl"] == gl.version()
+
+
 def test_another_environment_is_refused_unless_it_has_a_name(repository, monkeypatch):
     record()
     before = (repository / "history.json").read_bytes()
     own = recording.environment
-    monkeypatch.setattr(recording, "environment", lambda folder: {**own(folder), "cpu": "Z80", "uavbench": "9"})
+    monkeypatch.setattr(recording, "environment", lambda *given: {**own(*given), "cpu": "Z80", "uavbench": "9"})
     commit(repository, "elsewhere")
     refused = record()
     assert refused.exit_code == 2 and "Z80" in refused.output and "--environment NAME" in refused.output
