@@ -28,8 +28,9 @@ from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
-from uavbench.bench.runner.output_folder import RESULTS, SUITE, resolved
+from uavbench.bench.runner.output_folder import RESULTS, SUITE, refuse_foreign_folder, resolved
 from uavbench.bench.said import say
+from uavbench.reports.run_folder import SCORES
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
@@ -39,6 +40,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.listed import mark
 from uavbench.trajectories.files.origin import refuse_foreign, refuse_foreign_file
 from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
 
 SIDES = ("base", "head")
@@ -55,11 +57,13 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     out = resolved(out)
     for path, kind in ((out / "base" / SUITE, RESULTS), (out / "head" / "timing.json", TIMING)):
         refuse_foreign_file(path, kind)
+    refuse_foreign_folder(out / "head")
     remove_verdict(out / "gate")
     given = suite_file(suite_name)
     file = given.parent.resolve() / given.name
     with ExitStack() as stack:
         versions = dict(zip(SIDES, (stack.enter_context(version(ref)) for ref in refs), strict=True))
+        remove_scores(out)
         flown = file_of(versions["head"], file)
         with reading_from(versions["head"].environment([])[FREE] if flown != file else None):
             suite = load_suite(flown)
@@ -206,6 +210,19 @@ def describe(folder: Path, suite: Suite, labels: list[str], not_compared: dict[s
         "not_compared": not_compared,
     }
     write_text(folder / SUITE, json.dumps(about, indent=1) + "\n", kind=RESULTS)
+
+
+def remove_scores(out: Path) -> None:
+    """Remove the scores and times of an earlier comparison, which one that ends early would leave as if its own.
+
+    Files that were edited since stay.
+    """
+    for side in SIDES:
+        for path in (out / side).glob(SCORES):
+            if sealed_kind(path) == MARKER.kind:
+                path.unlink()
+    if sealed_kind(out / "head" / "timing.json") == TIMING:
+        (out / "head" / "timing.json").unlink()
 
 
 def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:

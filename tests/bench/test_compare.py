@@ -87,6 +87,23 @@ def test_a_version_against_itself_passes_and_against_a_worse_one_fails(repositor
     assert "ATE" in {f["metric"] for f in worse["findings"] if f["verdict"] == "fail"}
 
 
+def test_a_comparison_that_ends_early_leaves_no_scores_of_an_earlier_one(repository, monkeypatch):
+    """`uavbench gate` on its two folders gave the earlier comparison's verdict."""
+    assert compare(repository, monkeypatch, "base", "base")[0].exit_code == 0
+    sides = ["gate", "out/compare/head", "--baseline", "out/compare/base", "--latency-margin", "400%"]
+    assert "latency" in CliRunner().invoke(main, sides).output
+
+    def ended(*_):
+        raise UserError("asked for")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("uavbench.bench.gate.compare.run_in_turn", ended)
+        assert compare(repository, monkeypatch, "base", ".")[0].exit_code == 2
+    judged = CliRunner().invoke(main, sides)
+    assert judged.exit_code == 2 and "no scores in it" in judged.output
+    assert not (repository / "out/compare/head/timing.json").exists()
+
+
 OFFSET = """
 title = "offset"
 rates_hz = [15.0]
