@@ -1,7 +1,7 @@
 """A finished run's folder: its scores as a DataFrame, and its runs opened for figures and errors frame by frame."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,10 +69,12 @@ def _missing(folder: Path, scores: list[dict[str, Any]]) -> list[dict[str, Any]]
 
 
 def _reported_missing(folder: Path) -> list[dict[str, Any]]:
-    """Scores of the report of runs that are missing; none without a report."""
+    """Scores of the report of runs that are missing and that the suite still has; none without a report."""
     report = folder / REPORTED
     reported = read_json(report).get("scores", []) if report.is_file() else []
-    return [score for score in reported if score.get("status") == "missing"]
+    has = _suite(folder)
+    missing = [score for score in reported if score.get("status") == "missing"]
+    return [score for score in missing if has(str(score.get("sequence")), _run(score))]
 
 
 def _who(score: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -99,8 +101,8 @@ def score_files(folder: Path) -> list[Path]:
     """
     if folder.is_file():
         raise UserError(f"{folder}: is a file; give the folder of the run that it is in")
-    about = read_json(folder / SUITE) if (folder / SUITE).is_file() else None
-    files = [path for path in sorted(folder.glob(SCORES)) if about is None or _is_of(path, folder / SUITE, about)]
+    has = _suite(folder)
+    files = [path for path in sorted(folder.glob(SCORES)) if has(path.parents[1].name, path.parent.name)]
     if not files:
         raise UserError(f"{folder}: has no scores ({SCORES}); create them with `uavbench score SUITE --out {folder}`")
     missing = {(score.get("sequence"), _run(score)) for score in _reported_missing(folder)}
@@ -112,13 +114,18 @@ def score_files(folder: Path) -> list[Path]:
     return current
 
 
-def _is_of(score: Path, suite: Path, about: Mapping[str, Any]) -> bool:
-    """Whether a suite has the run of a score; about: its description, from the file `suite`."""
+def _suite(folder: Path) -> Callable[[str, str], bool]:
+    """Function that tells whether the suite of `suite.json` has a sequence and a run on it; without the file it has."""
+    suite = folder / SUITE
+    if not suite.is_file():
+        return lambda sequence, run: True
+    about = read_json(suite)
     try:
+        sequences = set(about["sequences"])
         runs = {_run({"label": label, "rate_hz": rate}) for label in about["trackers"] for rate in about["rates_hz"]}
-        return score.parents[1].name in about["sequences"] and score.parent.name in runs
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise UserError(f"{suite}: not uavbench's: {error}") from None
+    return lambda sequence, run: sequence in sequences and run in runs
 
 
 def _run(score: Mapping[str, Any]) -> str:

@@ -145,6 +145,8 @@ def test_scores_of_earlier_inputs_are_neither_compared_nor_read(tmp_path, monkey
     assert scored(broken, "report") != 0
     assert dict(ub.load_scores(out)[["tracker", "status"]].to_numpy()) == {"hold": "complete", "mine": "missing"}
     assert [run.name for run in ub.load_runs(out)] == ["hold@15hz"]
+    assert scored(good.replace('mine = { kind = "hold" }', "")) == 0
+    assert [*ub.load_scores(out).tracker] == ["hold"], "the suite has it no more, though the report still tells it"
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr("uavbench.bench.runner.commands.run_graph", interrupted)
         scored(smaller)
