@@ -14,7 +14,7 @@ import numpy as np
 
 from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched, tell
+from uavbench.bench.runner.commands import disown_stale_scores, disowned_if_ended, refuse_touched, tell
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
 from uavbench.bench.runner.jobs import plan
@@ -88,6 +88,7 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
         local_pool(workers) as pool,
     ):
         remove_table(folder)
+        disown_stale_scores(suite, folder, suite)
         outcome = run_graph(jobs, *pool)
         tell(outcome, folder, suite_name)
         refuse_touched(jobs, planned, outcome.done)

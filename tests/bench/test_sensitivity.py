@@ -15,6 +15,7 @@ from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.graph import Job, Outcome
 from uavbench.bench.sensitivity.study import Change, Variant, of_no_variant, write
 from uavbench.bench.sensitivity.variants import Value, changed, values_of
+from uavbench.reports.run_folder import load_scores
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.shang_shen.lsd import Lsd
 from uavbench.trajectories.errors import UserError
@@ -63,7 +64,7 @@ def test_every_value_of_robust_is_varied_within_its_bounds(tmp_path):
                 assert load_suite(small_suite(tmp_path, text)).trackers["mine"] == changed(Robust(), value.path, m)
 
 
-def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path):
+def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path, monkeypatch):
     suite, out = small_suite(tmp_path, MINE), tmp_path / "out"
     suite.write_text(suite.read_text().replace("seeds = [0, 1]", "seeds = [0]"))
     values = ("config.edges.sampling.spacing_px", "config.relocalization.similarity.share")
@@ -82,6 +83,16 @@ def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path):
     assert again.exit_code == 0, again.output
     assert "0 jobs done" in again.output
     assert {name: (out / name).read_bytes() for name in table} == table
+    assert len(load_scores(out)) == 5
+    suite.write_text(suite.read_text().replace("duration_s = 0.3", "duration_s = 0.4"))
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.run_graph", interrupted)
+    assert CliRunner().invoke(main, command).exit_code != 0
+    with pytest.raises(UserError, match=r"made of inputs that changed.*run the suite again"):
+        load_scores(out)
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
 
 
 @pytest.fixture
