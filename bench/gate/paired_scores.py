@@ -65,7 +65,8 @@ class Measured:
 
     For a flight in closed loop the coverage is 1 for a success, else 0. crash: error message of a crash, else "";
     frames: hash of the frames' inputs; images: hash of the image files, "" where they need not agree; how: the parts of
-    the score's record that must agree; seen: frames and all numbers, by which equal seeds are found, "" where unknown.
+    the score's record that must agree; start: where the initial pose came from, None where unknown; seen: frames and
+    all numbers, by which equal seeds are found, "" where unknown.
     """
 
     coverage: float
@@ -74,6 +75,7 @@ class Measured:
     frames: str = ""
     images: str = ""
     how: Mapping[str, Any] = field(default_factory=dict)
+    start: Any = None
     seen: str = ""
 
     @classmethod
@@ -86,6 +88,7 @@ class Measured:
             frames=str(score.record.get("sequence", {}).get("content_hash", "")),
             images=str(score.record.get("sequence", {}).get("images", "")),
             how={part: score.record.get(part) for part in HOW},
+            start=score.record.get("results", {}).get("start"),
             seen=seen(score) or "",
         )
 
@@ -171,6 +174,15 @@ def _measured(folder: Path, sequence: str, run: str, *, flown: bool) -> Measured
     return Measured.of_flight(FlightScore.load(path)) if flown else Measured.of(Score.load(path))
 
 
+def _start_apart(base: Any, head: Any) -> bool:
+    """Whether two starts are known and of different kinds or numbers; a version may have numbers that another lacks."""
+    if not (isinstance(base, dict) and isinstance(head, dict)):
+        return False
+    of_base, of_head = (start.get("parameters") or {} for start in (base, head))
+    both = [name for name in of_base if name in of_head and not isinstance(of_base[name], str)]
+    return base.get("kind") != head.get("kind") or any(of_base[name] != of_head[name] for name in both)
+
+
 def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
     """UserError unless both are of the same frames and were computed the same way."""
     what = f"{key[0]} on {key[1]}, seed {key[2]}"
@@ -183,6 +195,11 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
             f"{what}: baseline and results are of the same flight, but its images differ: another GL driver, CPU or "
             "library rendered them; use `uavbench compare`, or copy the folders `sequences` and `made` of one to the "
             "other, and score it again"
+        )
+    if _start_apart(base.start, head.start):
+        raise UserError(
+            f"{what}: the tracker starts otherwise in the baseline (`start`: {base.start!r}) than in the results "
+            f"({head.start!r}); score both with the same `start`"
         )
     for part in (*HOW, FLOWN):
         if base.how.get(part) != head.how.get(part):

@@ -32,6 +32,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 
 ALIGNMENTS: tuple[Alignment, ...] = ("none", "se3", "sim3")
+OF_RESULTS = ("tracker", "rate_hz", "seed", "start", "content_hash", "versions")
+"""Parts of the record of results that are in the record of their score."""
 Status = Literal["complete", "lost", "crashed", "missing"]
 
 
@@ -199,6 +201,6 @@ def how(sequence: Sequence, results: Results) -> dict[str, Any]:
             "content_hash": sequence.content_hash,
             "images": sequence.images_hash,
         },
-        "results": {k: results.record.get(k) for k in ("tracker", "rate_hz", "seed", "content_hash", "versions")},
+        "results": {k: results.record.get(k) for k in OF_RESULTS},
         "versions": dict(_versions()),
     }

@@ -163,6 +163,21 @@ def test_the_same_flight_rendered_otherwise_is_refused(sides):
         gate(*sides(head("gpu"), base=head("mesa")(np.random.default_rng(0))))
 
 
+def test_runs_that_start_otherwise_are_refused(sides):
+    """A coarser guess of the first pose was called a tracker that became worse."""
+
+    def started(kind, **parameters):
+        record = {"results": {"start": {"kind": kind, "parameters": parameters}}}
+        return lambda rng: [replace(score, record={**score.record, **record}) for score in drawn(rng)]
+
+    base = started("CoarseGuess", angle_deg=10.0, file="/base/init.toml")(np.random.default_rng(0))
+    gate(*sides(started("CoarseGuess", angle_deg=10.0, file="/head/init.toml", more=1), base=base))
+    gate(*sides(lambda rng: drawn(rng), base=base))  # a score from before starts were noted
+    for other in (started("Known"), started("CoarseGuess", angle_deg=20.0)):
+        with pytest.raises(UserError, match=r"starts otherwise in the baseline.*score both with the same `start`"):
+            gate(*sides(other, base=base))
+
+
 def test_other_frames_or_another_way_of_scoring_are_refused(sides):
     with pytest.raises(UserError, match="different frames"):
         gate(*sides(lambda rng: drawn(rng, frames="g")))
