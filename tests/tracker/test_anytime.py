@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, look_at, pose_error
+from tests.tracker.test_first_pose import bars
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.tracker import Robust
@@ -95,6 +96,19 @@ def test_frames_that_are_tracked_do_no_search(flight):
     assert all(result.status == "ok" and result.guess is None for result in results)
     assert evaluations[1:].max() < BudgetConfig().evaluations / 4
     assert not run.decider.relocator.under_way
+
+
+def test_what_was_tried_while_the_structure_was_not_there_is_tried_again(flight):
+    """A search that goes on in images of something else has left behind where the structure is by now."""
+    poses, images = flight
+    run = started(poses[0])
+    relocator, other = run.decider.relocator, bars(np.random.default_rng(3), 12)
+    results = [run.track(image, k * STEP_NS) for k, image in enumerate([*images[:3], *other])]
+    assert "ok" not in {result.status for result in results[3:]}
+    tried, blocks = len(relocator.tried), relocator.rounds.next_block
+    assert tried > 24 and blocks > 2
+    run.track(np.ascontiguousarray(images[3][:, ::-1]), 15 * STEP_NS)  # mirrored, so that it is not found
+    assert len(relocator.tried) < 12 and relocator.rounds.next_block < blocks
 
 
 TWIN = (0.25, 0.2, 0.2)

@@ -12,9 +12,11 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
+from uavbench.tracker.robust.places.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
 from uavbench.tracker.robust.relocalization.rivals import Rivals
@@ -24,10 +26,13 @@ from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
 from uavbench.tracker.stage_clock import StageClock
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Array, Pose
 
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
+LEAST_ALIKE = 0.3
+"""Correlation of small images of successive frames below which they show other things: of 20 flights at 5 Hz it is at
+least 0.83, and about 0 between a scene and noise or darkness."""
 PERTURBATIONS = 24
 """Number of poses sampled around the best fits of a search."""
 
@@ -83,6 +88,7 @@ class Relocator:
         self.rounds = Rounds(self.searcher, config)
         self.known_sigma = fitter.config.initialization.sigma
         self.elsewhere: Pose | None = None
+        self.shown: Array | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -103,6 +109,7 @@ class Relocator:
     def search(self, sought: Sought) -> Relocalized:
         """One slice of the search."""
         work, config = self.fitter.work, self.config
+        self.begin_where_cut(sought.image)
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
         self.move_along(guesses[0] if sought.carried is None else motion(sought.carried))
         recalled = [motion(pose) for pose in sought.recalled]
@@ -136,6 +143,12 @@ class Relocator:
         """Where the best other pose of this search is from a fit, as world_from_other; None without any."""
         other = self.tried.best_elsewhere(motion(fit.cam_from_world))
         return None if other is None else fit.cam_from_world.inverse() @ Pose(*other)
+
+    def begin_where_cut(self, image: Image) -> None:
+        """Restart where the image shows something else than the one before, in which nothing was to be found."""
+        before, self.shown = self.shown, small_image(grey(image))
+        if before is not None and before @ self.shown < LEAST_ALIKE:
+            self.forget()
 
     def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
         """The outcome of a slice."""
