@@ -106,6 +106,27 @@ def test_an_accepted_pose_ends_all_hypotheses():
     assert only.worth == 0.0
 
 
+@pytest.mark.parametrize("hypotheses", [0, 2])
+def test_once_its_velocity_is_forgotten_the_camera_may_be_as_far_as_an_unknown_one_leads(hypotheses):
+    state = tracked(speed_m_s=0.2)
+    last_ns = state.ok_ns
+    if hypotheses:
+        followed(state, [[(0.1, 0.70, 0.70, 0), (0.4, 0.69, 0.66, 0)]])
+        last_ns = state.hypotheses[0].stamp_ns
+    motion, before = state.config.motion, []
+    for lost_s in (0.9 * motion.memory_s, 3.0 * motion.memory_s):
+        stamp_ns = last_ns + round(lost_s * 1e9)
+        predicted = state.predicted((stamp_ns - state.ok_ns) * 1e-9, stamp_ns)
+        likely = state.likely(predicted, stamp_ns)
+        unknown = motion.initial_rate_1_s * max(0.0, lost_s - motion.memory_s)
+        least = [each.predicted.covariance[3, 3] - unknown**2 for each in likely]
+        assert len(likely) == max(1, hypotheses)
+        assert all(0.0 < each <= motion.max_sigma**2 + 0.01 for each in least)
+        assert not unknown or all(each.scale == 1.0 for each in likely)
+        before.append(least)
+    assert before[0] <= before[1]
+
+
 @pytest.fixture(scope="module")
 def lattice():
     """A long row of equal boxes, its frame from the middle, and the fit there."""

@@ -111,3 +111,28 @@ def test_the_rivals_of_a_better_rival_count_whatever_the_budget(fits):
     assert ranking.top is not poor
     away = [(fit.cam_from_world @ pose.inverse()).log() for fit in ranking.fits if fit is not poor]
     assert np.linalg.norm(away, axis=1).min() < 0.02
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_a_rival_that_the_next_frame_is_to_fit_is_as_good_as_the_pose_that_it_looks_like(monkeypatch, goes_on):
+    """Where no frame goes on with them, others tell of those without room once half of them were fitted."""
+    fitter = fitter_of(row(9))
+    pose = look_at(np.array([0.0, -RANGE_M, 0.35]), (0.03, 0.0, 0.12))
+    image = Scene(row(9), seed=2).render(pose, noise_rng=np.random.default_rng(3))
+    fitter.begin(0, 0.1)
+    top = fitter.searched(image, pose, isotropic_covariance(0.005, RANGE_M), StageClock())
+    wide = isotropic_covariance(0.2, RANGE_M)
+    sought = Sought(image, [pose], wide, RANGE_M, top, thorough=True, goes_on=goes_on)
+    rivals, ranking = Relocator(fitter, CAMERA).rivals, Ranking(sought, CONFIG.relocalization)
+
+    def poor(_, place):
+        fitter.work.done += fitter.cost(1)
+        return replace(top, cam_from_world=Pose(*place), support=0.3)
+
+    monkeypatch.setattr(rivals, "fitted", poor)
+    monkeypatch.setattr(rivals, "lacking", lambda *_: 0.0)
+    awaited = len(rivals.of(sought, ranking, TriedPoses(rivals.searcher)))
+    fitter.work = Work(fitter.cost(1) * (awaited - 1) + rivals.cost)
+    compared = rivals.fit(sought, ranking, TriedPoses(rivals.searcher))
+    assert awaited > 2 and compared.left
+    assert {fit.support for fit in compared.left} == {top.support if goes_on else 0.3}

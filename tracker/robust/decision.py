@@ -315,6 +315,7 @@ class Decider:
             likely=frame.likely,
             lost=self.state.is_lost,
             carried=carried,
+            goes_on=frame.step_s < self.config.slow_s,
         )
         found = self.relocator.search(sought)
         work.allowed += reserve

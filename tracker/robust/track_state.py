@@ -54,12 +54,29 @@ class TrackState:
         return replace(predicted, cam_from_world=likely)  # likelier, but not more certain
 
     def likely(self, predicted: Motion, stamp_ns: int) -> tuple[Likely, ...]:
-        """The predictions under the hypotheses that were kept, the likeliest first; a given prediction without any."""
+        """The predictions under the hypotheses that were kept, the likeliest first; a given prediction without any.
+
+        Once a velocity is forgotten it is unknown, and what a search compares may be as far away as that leads. What
+        the errors of predictions were from frame to frame says nothing of that.
+        """
         found = []
         for motion, since_ns, worth, errors in self.hypotheses:
-            moved = motion.predict((stamp_ns - since_ns) * 1e-9, self.range_m, self.config.motion)
-            found.append(Likely(moved, worth, errors.scale))
-        return tuple(found) or (Likely(predicted, scale=self.prediction_errors.scale),)
+            since_s = (stamp_ns - since_ns) * 1e-9
+            moved = motion.predict(since_s, self.range_m, self.config.motion)
+            found.append(self.spread(Likely(moved, worth, errors.scale), since_s))
+        if found:
+            return tuple(found)
+        lost_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
+        return (self.spread(Likely(predicted, scale=self.prediction_errors.scale), lost_s),)
+
+    def spread(self, likely: Likely, after_s: float) -> Likely:
+        """A prediction so long after its last pose, with what a forgotten velocity leaves unknown."""
+        unknown_s = after_s - self.config.motion.memory_s
+        if unknown_s <= 0.0:
+            return likely
+        wider = isotropic_covariance(unknown_s * self.config.motion.initial_rate_1_s, self.range_m)
+        predicted = replace(likely.predicted, covariance=likely.predicted.covariance + wider)
+        return Likely(predicted, likely.worth)
 
     def usual_or_good(self) -> float:
         """The larger of a good support and a part of the usual one."""

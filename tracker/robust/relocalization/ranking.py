@@ -68,7 +68,8 @@ class Sought(NamedTuple):
     already made; sure: support at which a slice ends, unless it is `thorough`: then with the frame's budget;
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
     none for the first guess alone; lost: whether no pose of the last frame was accepted; carried: where the mean
-    velocity leads, with which what earlier slices found is moved, None for the first guess.
+    velocity leads, with which what earlier slices found is moved, None for the first guess; goes_on: whether the next
+    frame goes on with the search.
     """
 
     image: Image
@@ -82,6 +83,7 @@ class Sought(NamedTuple):
     likely: Sequence[Likely] = ()
     lost: bool = False
     carried: Pose | None = None
+    goes_on: bool = False
 
 
 class Ranking:
@@ -111,6 +113,11 @@ class Ranking:
     def is_found(self) -> bool:
         """Whether the best fit is not the given one, and chance would not find it among the poses of a search."""
         return self.top is not self.given and self.top.finite and not is_suspect(self.top)
+
+    def chi2_of_rival(self, pose: RigidMotion) -> float:
+        """As `chi2`, by the covariance of the likeliest prediction: how far the camera may have come since."""
+        covariance = np.ascontiguousarray(self.likely[0].predicted.covariance)
+        return least_squared_mahalanobis(*self.near, *pose, covariance)
 
     def chi2(self, pose: RigidMotion) -> float:
         """Squared Mahalanobis distance of a pose from the nearest likely or recalled one."""

@@ -81,8 +81,8 @@ class Rivals:
     def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> Compared:
         """Fit the rivals of the best fit, and recursively those of a better rival.
 
-        In a thorough search those without room are taken for as good as the best that were fitted and, if these were
-        fewer than half, as the fit that they look like.
+        In a thorough search those without room are taken for as good as the fit that they look like, if the next frame
+        goes on with them, or if fewer than half were fitted, and otherwise as the best that were.
         """
         fits, compared = [ranking.top], Compared()
         while rivals := self.of(sought, ranking, tried):
@@ -95,7 +95,8 @@ class Rivals:
                 tried.add(pose, 0.0, motion(fit.cam_from_world), ranking.compared(fit))
                 tried.rivals = tried.rivals.added(pose)
             fits += [fit for fit in made if fit.finite]
-            known = made if 2 * len(made) >= len(rivals) else [top, *made]
+            enough = not sought.goes_on and 2 * len(made) >= len(rivals)
+            known = made if enough or not rivals[len(made) :] else [top, *made]
             most = max(map(ranking.compared, known))
             left = [replace(top, cam_from_world=Pose(*pose), support=most) for pose in rivals[len(made) :]]
             left = left if sought.thorough else []
@@ -174,7 +175,7 @@ class Rivals:
         places = [
             RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
         ]
-        chi2 = np.array([ranking.chi2(place) for place in places])
+        chi2 = np.array([ranking.chi2_of_rival(place) for place in places])
         found: list[RigidMotion] = []
         known = tried.rivals.added(pose)
         least = ranking.outdone
