@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
@@ -20,6 +21,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import owning, refuse_foreign_file
 from uavbench.trajectories.files.seals import is_sealed_with
 from uavbench.trajectories.files.writing import new_file
+from uavbench.trajectories.pose import Array
 
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16
@@ -278,6 +280,13 @@ def line(index: int, slower: bool = False) -> dict[str, Any]:
 def marker(index: int) -> dict[str, Any]:
     """Marker style of the tracker with an index: colour and marker."""
     return {"color": colour(index), "marker": MARKERS[index % len(MARKERS)], "linestyle": "none"}
+
+
+def dots_where_alone(values: Array) -> dict[str, Any]:
+    """Markers for the values (n,) of a line that have a NaN on both sides, where no line is drawn; {} without any."""
+    known = np.pad(np.isfinite(values), 1)
+    alone = np.flatnonzero(known[1:-1] & ~known[:-2] & ~known[2:])
+    return {"marker": ".", "ms": 2.5, "markevery": alone.tolist()} if len(alone) else {}
 
 
 def legend_columns(labels: Sequence[str]) -> int:

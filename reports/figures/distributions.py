@@ -15,7 +15,7 @@ from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import hierarchical_interval
-from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, colour, dots_where_alone, line, marker, panel_letter
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM, chi_square_quantile
 from uavbench.reports.uncertainty.nees import nees
 from uavbench.trajectories.pose import Array
@@ -69,7 +69,8 @@ def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
         if np.isnan(values).all():
             continue
         t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / 1e9
-        panel.plot(t, values, label=run.title, **line(run.colour, slower=run.score.rate_hz < fastest_hz))
+        look = line(run.colour, slower=run.score.rate_hz < fastest_hz)
+        panel.plot(t, values, label=run.title, **look, **dots_where_alone(values))
         rows += [[run.name, s, finite(v)] for s, v in zip(t.tolist(), values.tolist(), strict=True)]
     logarithmic(panel.yaxis)
     panel.set_xlabel("time (s)")

@@ -18,7 +18,7 @@ from uavbench.reports.figures.time import nice_log
 from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
 from uavbench.reports.metrics.sub_trajectories import distance_along
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import GROUND_TRUTH, colour, line, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, colour, dots_where_alone, line, panel_letter
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.pose import Array
@@ -47,7 +47,7 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
         p = run.errors.pairs.estimate_m
         inside = np.logical_and(p >= low, p <= high).all(axis=1)
         kept = np.where(inside.reshape(-1, 1), p, np.nan)
-        solid.plot(*kept.T, **_path_style(run))
+        solid.plot(*kept.T, **_path_style(run, kept))
         rows += [[run.name, f, *q] for f, q in zip(run.errors.frames.tolist(), p.tolist(), strict=True) if q[0] == q[0]]
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(solid, f"set_{axis}lim")(a, b)
@@ -69,7 +69,8 @@ def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
     panel.plot(ground_truth[:, 0], ground_truth[:, 1], color=GROUND_TRUTH, lw=1.6, label="ground truth")
     panel.plot(*ground_truth[0, :2], marker="o", ms=4.5, color=GROUND_TRUTH, mfc="white", ls="none", label="start")
     for run in runs:
-        panel.plot(*run.errors.pairs.estimate_m[:, :2].T, label=run.title, **_path_style(run))
+        p = run.errors.pairs.estimate_m
+        panel.plot(*p[:, :2].T, label=run.title, **_path_style(run, p))
     low, high = limits(sequence.structure, ground_truth)
     panel.set_aspect("equal")
     panel.set_xlim(low[0], high[0])
@@ -78,11 +79,11 @@ def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
     panel.set_ylabel("y (m)")
 
 
-def _path_style(run: ScoredRun) -> dict[str, Any]:
-    """Line style of a run's path; a cross for one that stays within 1 cm."""
+def _path_style(run: ScoredRun, drawn: Array) -> dict[str, Any]:
+    """Line style of a run's path, of which the positions `drawn` (n, 3) are; a cross for one that stays within 1 cm."""
     p, ok = run.errors.pairs.estimate_m, run.errors.ok
     still = float(np.nanmax(np.ptp(p[ok], axis=0))) < 0.01 if ok.any() else True
-    return {**line(run.colour), "marker": "x" if still else "", "lw": 0.9}
+    return {**line(run.colour), "lw": 0.9, **({"marker": "x"} if still else dots_where_alone(drawn[:, 0]))}
 
 
 def outline(panel: Axes, structure: Structure) -> None:
@@ -126,7 +127,8 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
     rows: list[list[Any]] = []
     for run in runs:
         errors, along = run.errors, distance_along(run.errors.pairs.reference_m)
-        left.plot(along, np.where(errors.ok, 100 * errors.translation_m, np.nan), label=run.title, **line(run.colour))
+        values = np.where(errors.ok, 100 * errors.translation_m, np.nan)
+        left.plot(along, values, label=run.title, **line(run.colour), **dots_where_alone(values))
         rows += [
             [run.name, "along", a, finite(m)]
             for a, m in zip(along.tolist(), errors.translation_m.tolist(), strict=True)

@@ -17,7 +17,7 @@ from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun, counts
-from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, line, short_names
+from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, dots_where_alone, line, short_names
 from uavbench.reports.uncertainty.nees import component_sigmas, euler_zyx
 from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.pose import Array
@@ -49,7 +49,8 @@ def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
         low, high = estimate[:, k] - 3 * sigma[:, k], estimate[:, k] + 3 * sigma[:, k]
         if np.isfinite(low).any():
             panel.fill_between(t, low, high, color=colour(run.colour), alpha=0.25, lw=0, label=r"claimed $3\sigma$")
-        style = {"marker": "o", "ms": 2.5, "lw": 0.7} if sparse else {"lw": 0.9}
+        dots = dots_where_alone(estimate[:, k])
+        style = {"marker": "o", "ms": 2.5, "lw": 0.7} if sparse else {"lw": 0.9, **dots}
         panel.plot(t, estimate[:, k], color=colour(run.colour), ls=(0, (4, 1)), label=run.title, **style)
         panel.set_ylabel(f"{name} ({unit})" if unit == "cm" else f"{name} (deg)")
         margin_around(panel, ground_truth[:, k], estimate[:, k])
@@ -107,9 +108,10 @@ def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axe
     """Draw the position (cm) or rotation (deg) error of every run over time (s), and the limit of success, dotted."""
     for run in runs:
         errors, t = run.errors, run.errors.seconds
-        shown: dict[str, Any] = {"marker": "o", "ms": 2.5} if len(t) < 80 else {}
         values = 100 * errors.translation_m if quantity == "position" else errors.angle_deg
-        panel.plot(t, np.where(errors.ok, values, np.nan), label=run.title, **line(run.colour), **shown)
+        values = np.where(errors.ok, values, np.nan)
+        shown = {"marker": "o", "ms": 2.5} if len(t) < 80 else dots_where_alone(values)
+        panel.plot(t, values, label=run.title, **line(run.colour), **shown)
     logarithmic(panel.yaxis)
     panel.axhline(100 * SUCCESS_M if quantity == "position" else SUCCESS_DEG, color=GROUND_TRUTH, lw=0.6, ls=":")
     panel.set_ylabel(f"{quantity} error ({'cm' if quantity == 'position' else 'deg'})")
@@ -129,7 +131,7 @@ def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
     shade_failures(panel, run.errors.seconds, run.errors.success)
     for k, (label, values) in enumerate(shown.items()):
         if np.isfinite(values).any():
-            panel.plot(t, values, label=label, **line(k))
+            panel.plot(t, values, label=label, **line(k), **dots_where_alone(values))
     panel.set_xlabel("time (s)")
     panel.set_ylabel("count per frame")
     panel.set_ylim(bottom=0)

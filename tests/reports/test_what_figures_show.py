@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.reports.drawn import results_of, true_rows
 from tests.reports.test_closed_loop_report import score
 from tests.reports.test_flight_score import flown, path
 from uavbench.reports.closed_loop.figure import draw_flight_in_closed_loop
@@ -17,11 +18,14 @@ from uavbench.reports.comparison_figures import compare
 from uavbench.reports.figures.distributions import draw_error_over_bound
 from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.figures.ranking import draw_critical_difference
+from uavbench.reports.figures.space import draw_error_against_distance, draw_paths
 from uavbench.reports.scoring import attributes
 from uavbench.reports.scoring.attributes import breakdowns
-from uavbench.reports.scoring.runs import open_runs
+from uavbench.reports.scoring.runs import ReportEntry, open_runs
+from uavbench.reports.scoring.score import score as score_run
 from uavbench.reports.statistics.bootstrap import Ranks
-from uavbench.reports.style import house_style, new_figure
+from uavbench.reports.style import dots_where_alone, house_style, new_figure
+from uavbench.tracker.protocol import TrackResult
 
 
 def test_the_errors_over_the_bound_are_a_distribution_in_steps():
@@ -82,6 +86,22 @@ def test_a_breakdown_of_some_frames_says_of_how_many(entries, monkeypatch, most)
     parts = breakdowns(fast)["speed"][fast[0].name]
     told = f", of {sum(part.frames for part in parts)} of {every} frames, evenly spaced" if most == 1 else ""
     assert caption == f"Success by quartile of each attribute that is known from the renderer{told}."
+
+
+def test_a_pose_between_two_lost_frames_is_a_dot_in_every_figure(sequence, tmp_path):
+    rows = [row if k % 3 == 1 else TrackResult(status="lost") for k, row in enumerate(true_rows(sequence, 0.02))]
+    results = results_of(sequence, rows)
+    results.save(tmp_path)
+    score_run(sequence, results).save(tmp_path / "score.json")
+    run = open_runs([ReportEntry(sequence.folder, tmp_path, tmp_path / "score.json")])[0]
+    alone, drawn = list(range(1, len(rows), 3)), []
+    for draw in (draw_error_against_distance, draw_paths):
+        figure = new_figure(3.0)
+        draw([run], figure)
+        drawn += [line for axes in figure.axes for line in axes.lines if line.get_markevery() is not None]
+    assert len(drawn) == 3 and all(line.get_markevery() == alone for line in drawn)
+    assert all(line.get_marker() == "." for line in drawn)
+    assert dots_where_alone(np.array([1.0, 2.0, np.nan, 3.0, 4.0])) == {}
 
 
 def test_a_long_legend_makes_the_figure_higher_and_leaves_its_panel_room(tmp_path):
