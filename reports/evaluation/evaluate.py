@@ -39,7 +39,7 @@ def evaluate_files(reference: Given, estimate: Given, **options: Unpack[Evaluate
     if plot is not None:
         from uavbench.reports.evaluation.figure import plot_evaluation
 
-        plot_evaluation(found.pairs, found.ate, found.record["align"], plot)
+        plot_evaluation(found.pairs, found.ate, found.record["align"], plot, found.longest_step_ns)
     return found
 
 

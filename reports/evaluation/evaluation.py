@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.reports.evaluation.gaps import longest_step_ns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.evaluation.plausibility import doubts, doubts_of_stamps
 from uavbench.reports.json_values import json_values
@@ -79,7 +80,7 @@ class Evaluation:
 
     coverage: matched poses over the tracker's frames that the reference has poses for; where these are not known, over
     the number of poses that the sparser of the two trajectories would have over the reference's time span. nees:
-    consistency of the estimate's covariances, if it has any.
+    consistency of the estimate's covariances, if it has any. longest_step_ns: of two poses without a gap between them.
     """
 
     ate: dict[str, ErrorSummary]
@@ -89,6 +90,7 @@ class Evaluation:
     record: dict[str, Any]
     pairs: PosePairs
     nees: "ClaimedNees | None" = None
+    longest_step_ns: float = np.inf
 
     def frames(self) -> "DataFrame":
         """One row per pair of poses, with the aligned estimate.
@@ -101,11 +103,12 @@ class Evaluation:
     def plot(self, axes: "Axes | None" = None, quantity: "Quantity" = "position") -> "Axes":
         """Draw errors of position (m) or rotation (deg) over time (s), or both paths from above (m), on an Axes.
 
-        Without an Axes a new pyplot figure is created. Returns the Axes. UserError for an unknown quantity.
+        Lines end where the estimate has no pose. Without an Axes a new pyplot figure is created. Returns the Axes.
+        UserError for an unknown quantity.
         """
         from uavbench.reports.evaluation.panels import draw
 
-        return draw(self.pairs, quantity, axes)
+        return draw(self.pairs, quantity, axes, self.longest_step_ns)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: ate, rpe, coverage, record, and segments where the mode has them."""
@@ -228,6 +231,7 @@ def evaluate(
         },
         pairs=pairs,
         nees=None if claimed is None else ClaimedNees.of(raw, claimed.of_rows(rows.estimate), found),
+        longest_step_ns=longest_step_ns(pairs.stamps_ns, asked_ns),
     )
 
 

@@ -14,6 +14,7 @@ from uavbench.reports.evaluation.evaluate import Side, evaluate_found
 from uavbench.reports.evaluation.evaluation import ClaimedNees, Evaluation
 from uavbench.reports.evaluation.find_trajectory import Found
 from uavbench.reports.evaluation.frames import in_one_frame
+from uavbench.reports.evaluation.gaps import with_gaps
 from uavbench.reports.evaluation.options import EvaluateOptions, chosen_options
 from uavbench.reports.evaluation.trajectory_input import found_in
 from uavbench.reports.many_runs.curves import Axis, distance_axis, time_axis
@@ -36,7 +37,8 @@ class EvaluatedRun:
     """Errors of one run.
 
     ate, rpe, coverage, nees: as in `Evaluation`; over_time, over_distance: RMSE (b,) of `position` in m and `rotation`
-    in deg in each bin; path_m (n, 3): estimated positions as aligned; scores: the JSON object of the `Evaluation`.
+    in deg in each bin; path_m (n, 3): estimated positions as aligned, NaN in gaps; scores: the JSON of the
+    `Evaluation`.
     """
 
     run: Run
@@ -149,7 +151,7 @@ def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOpti
         time=axes[0],
         distance=axes[1],
         pairs=pairing({name: [each.run.name for each in group] for name, group in groups.items()}),
-        truth_path_m=_thinned(reference.trajectory.positions_m),
+        truth_path_m=_thinned(reference.trajectory.positions_m, reference.trajectory.stamps_ns),
     )
 
 
@@ -172,13 +174,17 @@ def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis, stamps_ns:
         record=found.record,
         over_time={name: time.binned(stamps_ns, values) for name, values in errors.items()},
         over_distance={name: distance.binned(stamps_ns, values) for name, values in errors.items()},
-        path_m=_thinned(found.pairs.estimate_m),
+        path_m=_thinned(found.pairs.estimate_m, found.pairs.stamps_ns, found.longest_step_ns),
         scores=found.to_json(),
     )
 
 
-def _thinned(positions_m: Array) -> Array:
-    return np.array(positions_m[:: max(1, -(-len(positions_m) // SHOWN_POSES))])
+def _thinned(positions_m: Array, stamps_ns: NDArray[np.int64], longest_ns: float = np.inf) -> Array:
+    """At most SHOWN_POSES of the positions (n, 3), and a row of NaN in each step that is longer."""
+    rows = with_gaps(positions_m, stamps_ns, longest_ns)
+    shown = np.isnan(rows[:, 0])
+    shown[:: max(1, -(-len(positions_m) // SHOWN_POSES))] = True
+    return np.asarray(rows[shown])
 
 
 def _refuse_twice(reference: Found, truth: Path, read: ListOf[Found], runs: ListOf[Run]) -> None:

@@ -16,7 +16,7 @@ from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.many_runs.groups import counted
-from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter, short_names
+from uavbench.reports.style import GROUND_TRUTH, colour, dots_where_alone, line, marker, panel_letter, short_names
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
 from uavbench.trajectories.pose import Array
 
@@ -44,7 +44,7 @@ def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
             for k, (name, group) in enumerate(many.groups.items()):
                 band = Band.of([scale * getattr(run, f"over_{along}")[quantity] for run in group])
                 text = as_label(f"{name} ({counted(len(group))})")
-                panel.plot(axis.middles, band.middle, label=text, **line(k))
+                panel.plot(axis.middles, band.middle, label=text, **line(k), **dots_where_alone(band.middle))
                 if len(group) > 1:
                     panel.fill_between(axis.middles, band.low, band.high, color=colour(k), alpha=0.15, lw=0)
                 values = zip(*(v.tolist() for v in (axis.middles, band.low, band.middle, band.high)), strict=True)
@@ -95,8 +95,9 @@ def draw_paths(many: ManyRuns, panel: Axes) -> Drawn:
     panel.plot(*many.truth_path_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="truth")
     for k, (name, group) in enumerate(many.groups.items()):
         run = middle_run(group)
-        panel.plot(*run.path_m[:, :2].T, label=as_label(f"{name}: {run.run.name}"), **{**line(k), "lw": 0.8})
-        rows += [[name, run.run.name, *p] for p in run.path_m.tolist()]
+        look = {**line(k), "lw": 0.8, **dots_where_alone(run.path_m[:, 0])}
+        panel.plot(*run.path_m[:, :2].T, label=as_label(f"{name}: {run.run.name}"), **look)
+        rows += [[name, run.run.name, *p] for p in run.path_m.tolist() if p[0] == p[0]]
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_xlabel("x (m)")
     panel.set_ylabel("y (m)")
