@@ -5,6 +5,7 @@ import importlib
 import inspect
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -151,6 +152,38 @@ def test_the_table_of_a_tracker_is_read_as_its_file_is(folder):
 def test_a_mistake_names_the_side_and_what_is_wrong(given, told):
     with pytest.raises(ub.UserError, match=told):
         ub.evaluate(curve(), given)
+
+
+def test_a_table_of_complex_numbers_is_refused_as_an_array_is():
+    table = pd.DataFrame(curve(), columns=["time_s", "px_m", "py_m", "pz_m", "qx", "qy", "qz", "qw"])
+    with pytest.raises(ub.UserError, match="the estimate: holds complex numbers"):
+        ub.evaluate(curve(), table.assign(py_m=table.py_m + 1j))
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1.0, None), (1000.0, "1,000 times those of the reference: are both in")])
+def test_a_likely_mistake_is_a_warning(scale, told):
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        found = ub.evaluate(curve(), curve() * [1, scale, scale, scale, 1, 1, 1, 1])
+    assert [str(each.message) for each in heard] == found.record["doubts"]
+    assert (told is None and not heard) or told in str(heard[0].message)
+    assert all(each.filename == __file__ for each in heard)
+
+
+@pytest.mark.parametrize("wrong", [None, "millimetres", "behind", "beside"])
+def test_a_pose_at_which_the_model_is_out_of_sight_is_a_warning(folder, wrong):
+    drawn = folder / "sequences" / "drawn-s0"
+    given = ub.open_sequence(drawn)[0].cam_from_world.matrix.copy()
+    if wrong == "millimetres":
+        given[:3, 3] *= 1000
+    elif wrong == "behind":
+        given[2, 3] *= -1
+    elif wrong == "beside":
+        given[0, 3] += 100
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        ub.start("hold", drawn / "model.obj", drawn / "camera.toml", given)
+    assert [str(each.message)[:45] for each in heard] == ["cam_from_world: at this pose the image shows "] * bool(wrong)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,13 @@
 """`uavbench.evaluate`: two trajectories in, their errors out."""
 
+import warnings
 from typing import Unpack
 
 from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.reports.evaluation.evaluation import Evaluation
 from uavbench.reports.evaluation.options import EvaluateOptions
 from uavbench.reports.evaluation.trajectory_input import Given
+from uavbench.trajectories.errors import one_line
 
 
 def evaluate(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:
@@ -20,7 +22,8 @@ def evaluate(reference: Given, estimate: Given, **options: Unpack[EvaluateOption
     when at most max_difference_s apart. delta and unit (`frames`, `s`, `m`, ...): the pair interval of the RPE.
 
     Result: `.ate["translation_m"].rmse`, `.ate["rotation_deg"].median`, `.rpe` likewise (None where the trajectory is
-    too short), `.coverage`, `.frames()` a DataFrame, `.plot(axes)`. UserError when the two cannot be compared.
+    too short), `.coverage`, `.frames()` a DataFrame, `.plot(axes)`. UserError when the two cannot be compared. A
+    likely mistake, as in a unit or the order of a quaternion, is a UserWarning, and stands in `.record["doubts"]`.
 
     >>> import numpy as np
     >>> t = np.arange(5.0)
@@ -34,4 +37,7 @@ def evaluate(reference: Given, estimate: Given, **options: Unpack[EvaluateOption
     >>> list(evaluate(reference, estimate).frames())[:4]
     ['stamp_ns', 'time_s', 'position_error_m', 'rotation_error_deg']
     """
-    return evaluate_files(reference, estimate, **options)
+    found = evaluate_files(reference, estimate, **options)
+    for doubt in found.record["doubts"]:
+        warnings.warn(one_line(doubt), stacklevel=2)
+    return found

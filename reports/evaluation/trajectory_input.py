@@ -84,6 +84,8 @@ def _of_table(table: Any, name: Path) -> Found:
     rows = table[used]
     if not len(rows):
         raise ValueError("holds no pose: no row has the status ok")
+    if any(np.iscomplexobj(rows[name]) for name in POSE):
+        raise ValueError("holds complex numbers")
     values = rows[POSE].to_numpy(dtype=np.float64)
     stamps_ns = _stamps_ns(rows, stamp)
     if stamp == "stamp_ns" and "time_s" in table.columns:

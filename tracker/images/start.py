@@ -1,5 +1,6 @@
 """`uavbench.start`: starts a tracker on a model and a camera, for images from any source."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ from uavbench.tracker.run import started
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
+
+LEAST_PX = 2.0
+"""Size of a model in the image below which its pose is doubted, as of one in millimetres."""
 
 
 def start(
@@ -35,6 +39,7 @@ def start(
     `track` takes an image (h, w, 3) BGR or (h, w) grey, uint8, and its stamp in ns, strictly increasing. Its result has
     `.status` (`ok`, `ambiguous`, `lost`, `not_initialized`), `.cam_from_world` and `.covariance` (6, 6) of the twist,
     translation (m) first. UserError for an invalid file, name, seed or pose, and for inputs of another type.
+    UserWarning for a pose at which the image cannot show the model.
 
     >>> import numpy as np
     >>> from uavbench import Camera, Structure, start
@@ -60,9 +65,14 @@ def start(
     if isinstance(lens, Camera) and (why := implausible(lens)):
         raise UserError(f"camera: {why}")
     rng = stream(int(seed), "tracker", tracker_kind(tracker))
-    return started(
-        tracker, structure, lens, check_start(structure, lens, _pose(cam_from_world), rng), rng, UNKNOWN_BODY
-    )
+    pose = check_start(structure, lens, _pose(cam_from_world), rng)
+    if _out_of_sight(structure, lens, pose):
+        warnings.warn(
+            "cam_from_world: at this pose the image shows nothing of the model; is it in metres, and no inverse "
+            "(world_from_cam)?",
+            stacklevel=2,
+        )
+    return started(tracker, structure, lens, pose, rng, UNKNOWN_BODY)
 
 
 def _pose(given: Any) -> Pose:
@@ -72,3 +82,16 @@ def _pose(given: Any) -> Pose:
         return Pose.from_matrix(given)
     except (ValueError, TypeError, OverflowError) as error:
         raise UserError(f"cam_from_world: {error}; give a Pose or a homogeneous matrix (4, 4)") from None
+
+
+def _out_of_sight(structure: Structure, camera: Camera, cam_from_world: Pose) -> bool:
+    """Whether all of a model is behind the camera, beyond one side of the image, or smaller than LEAST_PX."""
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    x, y = (-0.5, 0.5 * camera.width, right), (-0.5, 0.5 * camera.height, bottom)
+    border = camera.undistort(np.array([[u, v] for u in x for v in y]))
+    f, c = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    low, high = (border.min(axis=0) - c) / f, (border.max(axis=0) - c) / f
+    points = cam_from_world.transform(structure.vertices)
+    sideways, z = points[:, :2], points[:, 2:]
+    beyond = (z <= 0).all() or (sideways < low * z).all(axis=0).any() or (sideways > high * z).all(axis=0).any()
+    return bool(beyond or ((z > 0).all() and (f * np.ptp(sideways / z, axis=0) < LEAST_PX).all()))
