@@ -20,6 +20,8 @@ from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, short_nam
 
 FILLS: tuple[Any, ...] = ("full", "none", "left", "bottom")
 """Fill styles of the markers of rates, the highest first."""
+LEAST_SHOWN = 1e-3
+"""Least ATE on a logarithmic axis, in cm and deg: of an initial pose alone it is 0 or round-off, and is drawn here."""
 SIDE_BY_SIDE = 32
 """Total characters of tracker names that fit side by side under a quarter of 7.16 in."""
 
@@ -40,7 +42,10 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
         for r, rate in enumerate(rates):
             group = [run for run in runs if (run.score.label, run.score.rate_hz) == (label, rate)]
             x = k + 0.8 * ((r + 0.5) / len(rates) - 0.5)
-            means = [_draw_runs(panel, x, values_of(group, i), FILLS[r % 4], group) for i, panel in enumerate(panels)]
+            means = [
+                _draw_runs(panel, x, values_of(group, i), FILLS[r % 4], group, least=LEAST_SHOWN if i < 2 else 0.0)
+                for i, panel in enumerate(panels)
+            ]
             rows.append([label, rate, len(group), *means])
     ticks = short_names(labels)
     long = len("".join(ticks)) > SIDE_BY_SIDE
@@ -75,15 +80,17 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
     return Drawn(columns=columns, rows=rows, legend=legend)
 
 
-def _draw_runs(panel: Axes, x: float, values: ListOf[float], fill: Any, group: ListOf[ScoredRun]) -> float | None:
-    """Draw the values of runs and their mean, which is returned; None without a value."""
+def _draw_runs(
+    panel: Axes, x: float, values: ListOf[float], fill: Any, group: ListOf[ScoredRun], *, least: float
+) -> float | None:
+    """Draw the values of runs and their mean, which is returned, at `least` or above; None without a value."""
     if not values:
         panel.annotate("none", (x, 0.03), xycoords=("data", "axes fraction"), rotation=90, ha="center", fontsize=6)
         return None
     shown, mean = marker(group[0].colour), float(np.mean(values))
     if len(values) > 1:
-        panel.plot([x] * len(values), values, ".", color=shown["color"], ms=3, mew=0, alpha=0.5)
-    panel.plot(x, mean, fillstyle=fill, markerfacecoloralt="white", ms=4, **shown)
+        panel.plot([x] * len(values), np.maximum(values, least), ".", color=shown["color"], ms=3, mew=0, alpha=0.5)
+    panel.plot(x, max(mean, least), fillstyle=fill, markerfacecoloralt="white", ms=4, **shown)
     return mean
 
 

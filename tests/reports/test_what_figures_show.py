@@ -15,6 +15,7 @@ from tests.reports.test_flight_score import flown, path
 from uavbench.reports.closed_loop.figure import draw_flight_in_closed_loop
 from uavbench.reports.closed_loop.tables import FlightNotes, table, why_failed
 from uavbench.reports.comparison_figures import compare
+from uavbench.reports.figures.comparison import LEAST_SHOWN, draw_accuracy_and_coverage
 from uavbench.reports.figures.distributions import draw_error_over_bound
 from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.figures.ranking import draw_critical_difference
@@ -102,6 +103,20 @@ def test_a_pose_between_two_lost_frames_is_a_dot_in_every_figure(sequence, tmp_p
     assert len(drawn) == 3 and all(line.get_markevery() == alone for line in drawn)
     assert all(line.get_marker() == "." for line in drawn)
     assert dots_where_alone(np.array([1.0, 2.0, np.nan, 3.0, 4.0])) == {}
+
+
+def test_an_error_of_zero_is_drawn_on_a_logarithmic_axis(sequence, tmp_path):
+    results = results_of(sequence, true_rows(sequence))
+    results.save(tmp_path)
+    score_run(sequence, results).save(tmp_path / "score.json")
+    run = open_runs([ReportEntry(sequence.folder, tmp_path, tmp_path / "score.json")])[0]
+    ate = run.score.ate["none"]
+    run.score.ate["none"] = replace(ate, translation_m=replace(ate.translation_m, rmse=0.0))
+    figure = new_figure(3.0)
+    drawn = draw_accuracy_and_coverage([run], figure)
+    panel = figure.axes[0]
+    assert panel.get_ylim()[0] <= panel.lines[0].get_ydata()[0] == LEAST_SHOWN
+    assert next(iter(drawn.rows))[3] == 0.0
 
 
 def test_a_long_legend_makes_the_figure_higher_and_leaves_its_panel_room(tmp_path):
