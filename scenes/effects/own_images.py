@@ -16,13 +16,18 @@ LEAST_MEDIAN = -0.1
 
 
 def checked(effect: object, source: CameraSimulator, camera: CameraSimulator) -> CameraSimulator:
-    """The simulator `source` that an effect made of `camera`; UserError for an image that cannot be one of a camera."""
+    """The simulator `source` that an effect made of `camera`.
+
+    UserError for something else, and for an image that cannot be one of a camera.
+    """
+    name = f"{type(effect).__module__}:{type(effect).__name__}"
+    if not isinstance(source, CameraSimulator):
+        raise UserError(f"effect {name}: start gives a {type(source).__name__}; it takes a CameraSimulator")
     shape = (camera.camera.height, camera.camera.width, 3)
 
     def image(stamp_ns: int) -> Radiance | None:
         found = source.image(stamp_ns)
         if found is not None and (why := _no_light(found, shape)):
-            name = f"{type(effect).__module__}:{type(effect).__name__}"
             raise UserError(
                 f"effect {name}: at {stamp_ns / 1e9:.3f} s its image {why}; an effect takes and gives linear light in "
                 "floats, 1 is white, or None for a lost frame"

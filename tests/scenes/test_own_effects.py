@@ -45,6 +45,12 @@ def test_an_image_that_is_none_of_linear_light_is_told(change, told):
         image_with(change)
 
 
+def test_an_effect_that_starts_no_simulator_is_told(monkeypatch):
+    monkeypatch.setattr(Own, "start", lambda *_: None)
+    with pytest.raises(UserError, match=r"effect .*:Own: start gives a NoneType; it takes a CameraSimulator"):
+        image_with(None)
+
+
 @pytest.mark.parametrize("change", [
     lambda light: light * 8, lambda light: light * 0, lambda light: None,
     lambda light: light.astype(np.float64) + np.random.default_rng(0).normal(0, 0.1, light.shape),

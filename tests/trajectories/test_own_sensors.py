@@ -11,6 +11,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.sensors.registry import measure
 from uavbench.trajectories.sensors.sensor import Table
+from uavbench.trajectories.vehicle.quadrotor import Quadrotor
 from uavbench.trajectories.wind.air import Air, check_air
 
 STAMPS = np.arange(0, 1_000_000_001, 100_000_000)
@@ -59,6 +60,7 @@ def test_readings_that_are_for_no_tracker_are_taken_as_they_are(monkeypatch: pyt
     (lambda t: Table(t.columns, t.stamps_ns[::-1], t.values), r"row 1: the stamp 900000000 ns is not later than the"),
     (lambda t: Table(t.columns, t.stamps_ns / 1e9, t.values), r"row 1: the stamp 0 ns is not later than the one"),
     (lambda t: Table(t.columns, t.stamps_ns + 10**12, t.values), r"its stamps, 1000000000000 to .* not within the fli"),
+    (lambda t: None, r"measure gives a NoneType; it takes a Table"),
     (lambda t: Table(("x", "y"), t.stamps_ns, t.values), r"its class names a_m in `measured`, and its table has x, y"),
     (lambda t: Table(t.columns, t.stamps_ns, t.values / 0.0), r"row 0: a_m is infinite; NaN where nothing was measure"),
 ])  # fmt: skip
@@ -74,7 +76,16 @@ def test_a_wind_that_is_not_there_at_each_step_is_told() -> None:
     gap[4] = np.nan
     kind: Any = Flown()
     check_air(kind, Air(calm, calm), 10)
+    nothing: Any = None
+    with pytest.raises(UserError, match=r"wind Flown: start gives a NoneType; it takes an Air"):
+        check_air(kind, nothing, 10)
     with pytest.raises(UserError, match=r"wind Flown: turbulence_m_s is not finite at step 4"):
         check_air(kind, Air(calm, gap), 10)
     with pytest.raises(UserError, match=r"wind Flown: mean_m_s has the shape \(10, 3\), not \(12, 3\)"):
         check_air(kind, Air(calm, calm), 12)
+
+
+def test_an_airframe_that_builds_no_text_is_told() -> None:
+    nothing: Any = None
+    with pytest.raises(UserError, match=r"build of an airframe gives a NoneType; it takes a text in MJCF"):
+        Quadrotor.from_mjcf(nothing)

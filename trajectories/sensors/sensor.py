@@ -175,6 +175,8 @@ def check_table(table: Table, sensor: SensorSpec, flight: Flight) -> None:
     Only what trackers are to get is checked: the columns that its class names in `measured`, if any. A sensor that
     finds nothing during a whole flight, as a beacon out of reach, has no readings.
     """
+    if not isinstance(table, Table):
+        raise UserError(f"measure gives a {type(table).__name__}; it takes a Table")
     measured, stamps = tuple(getattr(sensor, "measured", ())), table.stamps_ns
     if not measured or not len(stamps):
         return

@@ -80,6 +80,8 @@ class Quadrotor:
     @classmethod
     def from_mjcf(cls, xml: str) -> "Quadrotor":
         """Vehicle of an MJCF text; UserError naming what is missing or invalid."""
+        if not isinstance(xml, str):
+            raise UserError(f"build of an airframe gives a {type(xml).__name__}; it takes a text in MJCF")
         model = compile_mjcf(xml)
         if not (model.nbody == 2 and model.nq == 7 and model.nu == 4):
             raise UserError("an airframe's MJCF must be one body on one free joint with four actuators")

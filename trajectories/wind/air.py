@@ -45,6 +45,8 @@ class WindSpec(Protocol):
 
 def check_air(kind: WindSpec, air: Air, steps: int) -> None:
     """UserError for air that is not there at each step of a flight, in numbers."""
+    if not isinstance(air, Air):
+        raise UserError(f"wind {type(kind).__name__}: start gives a {type(air).__name__}; it takes an Air")
     for name in ("mean_m_s", "turbulence_m_s"):
         values = np.asarray(getattr(air, name))
         if values.shape != (steps, 3):
