@@ -94,6 +94,18 @@ def test_poses_at_which_the_structure_looks_alike_are_left_to_the_comparison_of_
     assert A_ROW.relocator.rarer(A_ROW.ranking(best, rarer)) == []
 
 
+@pytest.mark.parametrize(("powers_of_ten", "rarer"), [(0.5, False), (1.5, True)])
+def test_after_a_loss_they_are_kept_side_by_side_where_one_is_clearly_rarer(powers_of_ten, rarer):
+    """Behind a tree fewer of the true windows are found, by their share, than one bay beside; it is not dropped."""
+    best = replace(A_ROW.at(-PANEL_M), support=0.95)
+    chance = best.chance._replace(whole=best.chance.whole - powers_of_ten)
+    true = replace(A_ROW.at(0.0), chance=chance, support=0.5)
+    ranking = A_ROW.ranking(best, true)
+    ranking.lost = True
+    assert A_ROW.relocator.outdone_by_rarer(ranking) == rarer
+    assert {each.fit for each in ranking.contenders()} == ({best, true} if rarer else {best})
+
+
 @pytest.mark.parametrize(("lost", "lead"), [(False, CONFIG.relocalization.lead_of_rivals), (True, 0.1)])
 def test_a_run_without_a_pose_needs_a_larger_lead_over_rivals(lost, lead):
     fit = ONE_BOX.at(0.0)

@@ -96,6 +96,7 @@ class Ranking:
         self.near = stack_of([motion(pose) for pose in near if pose is not None])
         self.fits: list[Fit] = []
         self.credits: dict[Fit, float] = {}
+        self.rarer: Sequence[Fit] = ()
         self.range_m, self.lost = sought.range_m, sought.lost
         self.covariance = np.ascontiguousarray(sought.covariance)
         self.given, self.top = sought.first, Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
@@ -145,7 +146,8 @@ class Ranking:
             self.top = fit
 
     def believe_as_the_best(self, fits: Sequence[Fit]) -> None:
-        """Credit fits with the support that they lack of that of the best one."""
+        """Credit fits with the support that they lack of that of the best one; they contend whatever they are worth."""
+        self.rarer = fits
         for fit in fits:
             self.credits[fit] = max(self.credits.get(fit, 0.0), self.top.support - fit.support)
 
@@ -186,7 +188,8 @@ class Ranking:
         found.sort(key=lambda each: -each.worth)
         kept: list[Contender] = []
         for each in found:
-            if each.worth > found[0].worth - self.config.lead and not any(
+            worthy = each.worth > found[0].worth - self.config.lead or each.fit in self.rarer
+            if worthy and not any(
                 ends_at(each.fit, other.fit, self.config.found_sigma, self.range_m) for other in kept
             ):
                 kept.append(each)

@@ -128,9 +128,7 @@ class Relocator:
         leads = leads and self.rivals.trail_left(ranking, compared)
         if ranking.top is not sought.first:  # compared before the fits beside it, so that each place counts once
             leads = self.turned.agree(sought, ranking, self.tried) and leads
-        rarer = self.rarer(ranking)
-        ranking.believe_as_the_best(rarer)
-        leads = leads and not rarer
+        leads = not self.outdone_by_rarer(ranking) and leads
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         self.found_before = ranking.is_found
@@ -166,6 +164,8 @@ class Relocator:
         compared = self.rivals.fit(sought, ranking, self.tried)
         leads = self.rivals.trail_left(ranking, compared) and self.rivals.trail(ranking, self.tried)
         leads = leads and self.turned.agree(sought, ranking, self.tried)
+        if ranking.lost:  # a track that goes on is where it was
+            leads = not self.outdone_by_rarer(ranking) and leads
         self.forget()
         return self.relocalized(ranking, sought, Done(True, True), leads, rivalled=not leads)
 
@@ -192,11 +192,18 @@ class Relocator:
         same = self.tried.within_reach(motion(fit.cam_from_world), self.tried.reached)
         return believed_support(fit) - float(self.tried.supports[~same].max(initial=0.0))
 
+    def outdone_by_rarer(self, ranking: Ranking) -> bool:
+        """Whether fits elsewhere are rarer than the best one, which are then compared as if of its support."""
+        rarer = self.rarer(ranking)
+        ranking.believe_as_the_best(rarer)
+        return bool(rarer)
+
     def rarer(self, ranking: Ranking) -> list[Fit]:
         """Fits that end elsewhere than the best one, and find what chance explains less than what the best one finds.
 
         Behind people the true pose may have less support than a pose at a box of theirs that has fewer edges to show.
-        Poses at which the structure looks alike are not among them: both find edges of it, whatever chance does.
+        Poses at which the structure looks alike are among them only where no pose of the last frame was accepted, and
+        by a power of ten: both find edges of it, but behind a tree fewer of the true one's, by their share.
         """
         top, least = ranking.top, self.fitter.config.initialization.min_support
         return [
@@ -205,8 +212,12 @@ class Relocator:
             if fit.support >= least
             and fit.chance.whole < top.chance.whole
             and not ends_at(fit, top, self.config.found_sigma, ranking.range_m)
-            and not self.rivals.look_alike(top, fit, ranking.range_m)
+            and (self.is_clearly_rarer(fit, ranking) or not self.rivals.look_alike(top, fit, ranking.range_m))
         ]
+
+    def is_clearly_rarer(self, fit: Fit, ranking: Ranking) -> bool:
+        """Whether a fit outdoes a best one that is to be found again by a power of ten in what chance explains."""
+        return ranking.lost and fit.searched is not None and fit.chance.whole < ranking.top.chance.whole - 1.0
 
     def shift_sigma_px(self, sought: Sought) -> float:
         """Standard deviation of the image shift at the most likely guess, px of the small image."""
