@@ -24,7 +24,7 @@ from uavbench.tracker.robust.places.features import (
 )
 from uavbench.tracker.robust.places.match_kernels import HYPOTHESES, SAMPLE, pose_of_matches
 from uavbench.tracker.robust.places.places import MOST_PLACES, Places
-from uavbench.tracker.robust.places.small_images import grey, small_image
+from uavbench.tracker.robust.preprocessing.small_images import grey, small_image
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.work import FEATURES, Work, recall_evaluations
 from uavbench.trajectories.pose import Pose

@@ -21,7 +21,7 @@ from uavbench.tracker.robust.places.features import (
 )
 from uavbench.tracker.robust.places.match_kernels import HYPOTHESES, LEAST_AGREEING, SAMPLE, pose_of_matches
 from uavbench.tracker.robust.places.near_kernels import last_near
-from uavbench.tracker.robust.places.small_images import grey, small_image
+from uavbench.tracker.robust.preprocessing.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, motion
 from uavbench.tracker.robust.work import FEATURES, PER_LANDMARK, RECALLED, Work, recall_evaluations
 from uavbench.trajectories.pose import Array, Pose

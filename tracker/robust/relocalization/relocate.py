@@ -16,7 +16,7 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
-from uavbench.tracker.robust.places.small_images import grey, small_image
+from uavbench.tracker.robust.preprocessing.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
 from uavbench.tracker.robust.relocalization.rivals import Rivals

@@ -1,4 +1,4 @@
-"""Small blurred images, by which a place is recognized (Klein & Murray 2008, section 4.2)."""
+"""Small blurred images, by which places are recognized, and cuts between images (Klein & Murray 2008, section 4.2)."""
 
 import cv2
 import numpy as np
