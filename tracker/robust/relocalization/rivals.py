@@ -96,7 +96,7 @@ class Rivals:
                 tried.rivals = tried.rivals.added(pose)
             fits += [fit for fit in made if fit.finite]
             enough = not sought.goes_on and 2 * len(made) >= len(rivals)
-            known = made if enough or not rivals[len(made) :] else [top, *made]
+            known = made if enough else [top, *made]
             most = max(map(ranking.compared, known))
             left = [replace(top, cam_from_world=Pose(*pose), support=most) for pose in rivals[len(made) :]]
             left = left if sought.thorough else []
