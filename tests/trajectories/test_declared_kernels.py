@@ -108,3 +108,43 @@ def test_threads_that_call_a_kernel_first_at_once_all_get_its_result():
     """
     for _ in range(5):  # a race, that some processes win
         subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
+
+
+FIRST_CALLS_WITH_A_NEW_TYPE = """if True:
+    import time
+    from concurrent.futures import ThreadPoolExecutor
+    from threading import Barrier, get_ident
+    import numba
+    import numpy as np
+    from numba.core.types import abstract
+    from uavbench.trajectories.kernels.compiled import compiled
+
+    @compiled("u5")
+    def first(numbers):
+        return numbers[0, 0, 0, 0, 0]
+
+    class Slow(dict):
+        def get(self, key, default=None):
+            found = super().get(key, default)
+            if found is None and isinstance(key(), numba.types.Array):
+                time.sleep(.01 * (get_ident() // 4096 % 7))
+            return found
+
+    abstract._typecache = Slow(abstract._typecache)
+    begin = Barrier(16)
+
+    def called(number):
+        begin.wait()
+        return int(first(np.full((1,) * 5, number, np.uint8)))
+
+    with ThreadPoolExecutor(16) as pool:
+        assert list(pool.map(called, range(16))) == list(range(16))
+"""
+
+
+def test_threads_whose_arguments_are_of_a_type_that_numba_has_not_met(tmp_path):
+    """numba looks up which forms a call may take before it asks for its types, while another thread compiles."""
+    program = tmp_path / "program.py"
+    program.write_text(FIRST_CALLS_WITH_A_NEW_TYPE)
+    for _ in range(3):  # compiled, then loaded twice
+        subprocess.run([sys.executable, program], check=True, timeout=300)

@@ -9,6 +9,7 @@ from threading import RLock
 from typing import Any, TypeVar, cast, overload
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
 from uavbench.trajectories.kernels.argument_types import argument_types
@@ -19,7 +20,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 OPTIONS = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 """No Python objects; division by zero gives inf or nan, as in numpy; no kernel is called from C."""
 ONE_AT_A_TIME = RLock()
-"""Held while a kernel is loaded or compiled: two threads that call it first would both add its code."""
+"""Held while a kernel is loaded or compiled, or sees types for the first time: two threads would both add them."""
 KERNELS: list["Kernel"] = []
 """Every kernel with declared arguments in the modules that were imported, callees first."""
 
@@ -29,6 +30,7 @@ class Kernel(CPUDispatcher):
 
     targetctx: Any
     _cache: Any
+    _compiler: Any
 
     def __init__(
         self, function: Callable[..., Any], declared: tuple[Any, ...], *, inner: bool, allocates: bool
@@ -37,6 +39,9 @@ class Kernel(CPUDispatcher):
         super().__init__(function, targetoptions={**OPTIONS, "_nrt": allocates}, pipeline_class=pipeline)
         self.declared, self.inner, self.allocates = declared, inner, allocates
         self._cache = cache_of(function, inner)
+        # What numba may do with a call is read before its types, and then holds: to forbid further forms only after
+        # the first call compiled those declared rejected calls that had begun in other threads.
+        self._can_compile = inner
 
     def compile(self, sig: Any) -> Any:
         """Machine code for the declared types, regardless of those of a call; cached on disk."""
@@ -44,11 +49,8 @@ class Kernel(CPUDispatcher):
             if not self.load():
                 for kernel in callees(self):
                     kernel.compile(None)
-                try:
-                    for types in self.declared:
-                        super().compile(types)
-                finally:
-                    self._take_no_more()
+                for types in self.declared:
+                    self._compile_form(types)
             code: Any = next(iter(self.overloads.values()))
             return code.entry_point
 
@@ -64,7 +66,6 @@ class Kernel(CPUDispatcher):
                 for code in kept:
                     self.targetctx.insert_user_function(code.entry_point, code.fndesc, [code.library])
                     self.add_overload(code)
-                self._take_no_more()
             return bool(self.overloads)
 
     def add_overload(self, code: Any) -> None:
@@ -87,14 +88,26 @@ class Kernel(CPUDispatcher):
         self.for_python.compile(None)
         return next(iter(self.for_python.overloads.values())).entry_point
 
-    def _take_no_more(self) -> None:
-        self.disable_compile(self.inner is False)
+    def _compile_form(self, types: tuple[Any, ...]) -> None:
+        with global_compiler_lock:
+            code = self._compiler.compile(types, None)
+            self.add_overload(code)
+            self._cache.save_overload(types, code)
 
     def _compile_for_args(self, *args: Any, **kwargs: Any) -> Any:
-        """Called by numba for a call with types that were not compiled."""
-        kernel = self.for_python
-        kernel.compile(None)
-        return kernel  # numba calls it with the same arguments, which now match or are rejected
+        """Called by numba for a call of an inner kernel from Python: what it returns is called in its place."""
+        return self.for_python
+
+    def _search_new_conversions(self, *args: Any, **kwargs: Any) -> Any:
+        """Called by numba for types that no form is known to take: in the first call, and for others than before."""
+        self.compile(None)
+        with ONE_AT_A_TIME:
+            return cast(Any, super())._search_new_conversions(*args, **kwargs)
+
+    def typeof_pyval(self, val: Any) -> Any:
+        """Called by numba for an argument of a type not seen before: two threads would number equal types twice."""
+        with ONE_AT_A_TIME:
+            return super().typeof_pyval(val)
 
 
 @cache
