@@ -30,13 +30,18 @@ class Follower:
         """
         at, usual = frame.predicted, self.usual(frame)
         if usual is None:
-            return self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
+            free = self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
+            alone = not self.is_predicted(frame) or free.support >= self.state.usual_or_good()
+            return free if alone else self.or_pinned(frame, free, clock)
         held = self.held(frame, usual, clock)
         near = Motion(at.cam_from_world, usual).squared_mahalanobis(held.cam_from_world) <= FAR_CHI2
         if held.finite and near and held.support >= self.state.usual_or_good():
             return held
         free = self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
-        best = max(free, held, key=lambda each: self.worth(frame, each))
+        return self.or_pinned(frame, max(free, held, key=lambda each: self.worth(frame, each)), clock)
+
+    def or_pinned(self, frame: Frame, best: Fit, clock: StageClock) -> Fit:
+        """The best fit so far, or one matched at the prediction itself if that is clearly likelier."""
         pinned = self.held(frame, isotropic_covariance(PINNED_SIGMA, self.state.range_m), clock)
         least = self.worth(frame, best) + self.config.relocalization.lead_of_rivals
         return pinned if self.worth(frame, pinned) > least else best
@@ -73,18 +78,24 @@ class Follower:
             return -float("inf")
         return fit.support + frame.likely[0].prior(fit.cam_from_world, self.config.relocalization.lead)
 
+    def compared(self, frame: Frame, fit: Fit) -> float:
+        """What fits of a frame are compared by: their worth where the run predicts it, otherwise their support."""
+        return self.worth(frame, fit) if self.is_predicted(frame) else fit.support
+
     def usual(self, frame: Frame) -> Array | None:
         """Covariance (6, 6) that the run's own predictions have shown; None where they say nothing of this frame.
 
         Where frames are farther apart than those of the least budget, motion between them is not smooth.
         """
-        state, own = self.state, frame.extrapolated_s > 0.0 and not self.state.hypotheses
-        if state.is_first or state.is_lost or not own:
+        if not (self.is_predicted(frame) and self.config.budget.is_least(frame.step_s)):
             return None
-        if not self.config.budget.is_least(frame.step_s):
-            return None
-        known = state.motion.covariance
+        state, known = self.state, self.state.motion.covariance
         return known + state.prediction_errors.scale * (frame.predicted.covariance - known)
+
+    def is_predicted(self, frame: Frame) -> bool:
+        """Whether the run itself predicts a frame from a pose of the last one, shortly before."""
+        own = 0.0 < frame.extrapolated_s < self.config.slow_s and not self.state.hypotheses
+        return own and not (self.state.is_first or self.state.is_lost)
 
     def repeated(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit, or one that begins where it ends, if that has more support; where frames have budget for it.
@@ -98,7 +109,7 @@ class Follower:
         clearly = True
         while clearly and self.fitter.has_room_for(1):
             again = self.fitter.fit(frame.image, fit.cam_from_world, wide, clock, self.searcher.half_px)
-            if not (again.finite and again.support > fit.support):
+            if not again.finite or self.compared(frame, again) <= self.compared(frame, fit):
                 break
             clearly = again.support > fit.support + self.config.relocalization.lead
             fit = again
