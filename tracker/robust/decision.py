@@ -290,6 +290,7 @@ class Decider:
         if self.state.is_first or not self.doubts.settled:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
+        tracked = not (first or slow or self.state.is_lost)
         others = [each.predicted.cam_from_world for each in frame.likely[1:MOST_GUESSES]]
         carried = self.state.motion.carried_on(frame.dt_s) if frame.extrapolated_s > 0.0 else None  # not the vehicle's
         lasting, nearest = [carried] if carried else [], [predicted, *others]
@@ -316,12 +317,13 @@ class Decider:
             lost=self.state.is_lost,
             carried=carried,
             goes_on=frame.step_s < self.config.slow_s,
+            tracked=tracked,
         )
         found = self.relocator.search(sought)
         work.allowed += reserve
-        given = first and self.is_as_given(fit)
-        unvouched = first and not given
-        searched = unvouched or not (fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m))
+        unvouched = first and not self.is_as_given(fit)
+        near = fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m)
+        searched = unvouched or not (near or (tracked and self.state.is_expected(found.fit, frame.predicted)))
         enough = self.state.holds(found.fit, frame.predicted, searched, not slow, self.recalled.landmarks)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
@@ -331,12 +333,11 @@ class Decider:
         settled = not rivalled and (is_sure or found.all_done or (compared and enough))
         if settled or found.all_done:
             self.relocator.forget()
-        holds = given if first else fit.support >= loss.min_support
+        holds = not unvouched if first else fit.support >= loss.min_support
         if settled and found.advantage > (self.config.relocalization.lead if holds and not slow else 0.0):
             return Decision(found.fit, True, searched=searched)
-        tracked = not first and not slow and not self.state.is_lost
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
-        if settled or (tracked and holds) or there:
+        if settled or (((tracked and holds) or there) and not found.outdoes(fit, self.config.relocalization.lead)):
             return Decision(fit, True, searched=unvouched)
         again = found.fit.finite and not searched and not slow  # the track's fit, with the points seen where it ends
         if again and self.state.is_there(found.fit, frame.predicted, True):

@@ -143,13 +143,17 @@ class TrackState:
         Near is what the run's own predictions are. Of a recent pose (recent) half of the edges are enough, also after a
         few frames that were lost: patches that an occluder hides say nothing against it.
         """
-        usual_chi2 = FAR_CHI2 * self.prediction_errors.scale
-        if self.is_first or predicted.squared_mahalanobis(fit.cam_from_world) > usual_chi2:
+        if not self.is_expected(fit, predicted):
             return False
         loss, log10_nfa = self.config.loss, fit.chance.edges + log10(poses)
         if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:
             return True
         return not self.is_lost and log10_nfa < loss.log10_false_alarms
+
+    def is_expected(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether a fit is as near to its prediction as those of this run are, so that few poses can be meant."""
+        usual_chi2 = FAR_CHI2 * self.prediction_errors.scale
+        return fit.finite and not self.is_first and predicted.squared_mahalanobis(fit.cam_from_world) <= usual_chi2
 
     def suppose(self, contenders: Sequence[Contender], likely: Sequence[Likely], dt_s: float, stamp_ns: int) -> None:
         """Keep the fits of an undecided frame as hypotheses, if the support of the best is that of a correct pose.

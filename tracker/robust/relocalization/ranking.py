@@ -69,7 +69,7 @@ class Sought(NamedTuple):
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
     none for the first guess alone; lost: whether no pose of the last frame was accepted; carried: where the mean
     velocity leads, with which what earlier slices found is moved, None for the first guess; goes_on: whether the next
-    frame goes on with the search.
+    frame goes on with the search; tracked: whether the run predicts the frame from a pose shortly before.
     """
 
     image: Image
@@ -84,6 +84,7 @@ class Sought(NamedTuple):
     lost: bool = False
     carried: Pose | None = None
     goes_on: bool = False
+    tracked: bool = False
 
 
 class Ranking:
@@ -97,7 +98,7 @@ class Ranking:
         self.fits: list[Fit] = []
         self.credits: dict[Fit, float] = {}
         self.rarer: Sequence[Fit] = ()
-        self.range_m, self.lost = sought.range_m, sought.lost
+        self.range_m, self.lost, self.tracked = sought.range_m, sought.lost, sought.tracked
         self.covariance = np.ascontiguousarray(sought.covariance)
         self.given, self.top = sought.first, Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
         self.score = self.first = -np.inf
@@ -136,6 +137,7 @@ class Ranking:
         self.fits.append(fit)
         found = self.config.found_support * float(np.log1p(fit.found))
         score = believed_support(fit) + found - self.config.sigma_cost * self.chi2(motion(fit.cam_from_world))
+        score += max(self.prior(fit.cam_from_world)) if self.tracked else 0.0
         if score > self.score:
             self.top, self.score = fit, score
 

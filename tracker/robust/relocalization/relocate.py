@@ -18,7 +18,14 @@ from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.preprocessing.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
-from uavbench.tracker.robust.relocalization.ranking import Contender, Ranking, Sought, believed_support, ends_at
+from uavbench.tracker.robust.relocalization.ranking import (
+    Contender,
+    Ranking,
+    Sought,
+    believed_support,
+    ends_at,
+    is_suspect,
+)
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.rounds import Around, Rounds, best_first, taken
 from uavbench.tracker.robust.relocalization.scoring.pose_search import CANDIDATES, Candidate, PoseSearch
@@ -57,6 +64,10 @@ class Relocalized(NamedTuple):
     rivalled: bool
     expected: bool
     contenders: tuple[Contender, ...]
+
+    def outdoes(self, fit: Fit, lead: float) -> bool:
+        """Whether the best fit leads the given one, which chance explains, and is not explained by it itself."""
+        return self.leads and self.advantage > lead and is_suspect(fit) and not is_suspect(self.fit)
 
 
 class Done(NamedTuple):
