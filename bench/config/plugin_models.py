@@ -18,9 +18,10 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_mo
 
 from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
 from uavbench.bench.inputs.plugin_files import declared, loaded
-from uavbench.bench.inputs.plugin_kernels import keep_by_content
+from uavbench.bench.inputs.plugin_kernels import edited_since_import, keep_by_content
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import UserError, one_line
+from uavbench.trajectories.source_files import editable
 
 Extra = tuple[tuple[str, type], ...]
 INPUT_FILES = "input_files"
@@ -139,7 +140,10 @@ def _input_files(table: Mapping[str, Any]) -> Iterator[Path]:
 
 
 def import_plugin(name: str) -> type:
-    """Class of a plug-in named `module:attribute`; UserError when it cannot be imported or is no dataclass."""
+    """Class of a plug-in named `module:attribute`.
+
+    UserError when it cannot be imported, is no dataclass, or is not what its files say: results carry their hash.
+    """
     module, _, attribute = name.partition(":")
     before = frozenset(sys.modules)
     keep_by_content()
@@ -153,7 +157,18 @@ def import_plugin(name: str) -> type:
         raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")
     for made_in in {module, cls.__module__}:
         loaded[made_in] = loaded.get(made_in, frozenset()) | (frozenset(sys.modules) - before)
+    if not _is_in_a_file(cls.__module__):
+        raise UserError(f"plug-in {name!r} is in no file, by which its results could be known; save it as MODULE.py")
+    if edited := edited_since_import((cls.__module__, *loaded[cls.__module__])):
+        was = "was edited after this Python had imported it; restart Python (in a notebook, the kernel)"
+        raise UserError(f"plug-in {name!r}: {', '.join(edited)} {was}")
     return cls
+
+
+def _is_in_a_file(module: str) -> bool:
+    """Whether the code of a module is in a file, as that of a notebook's cell or of standard input is not."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return file is not None and (Path(file).is_file() or not editable(Path(file)))
 
 
 def _translate(annotation: Any, extra: Extra) -> Any:

@@ -6,17 +6,20 @@ the folder is the hash of all user modules imported by then, with all that they 
 `input_files`.
 
 Python's own cache is invalidated by the time and size of a source, which files of one archive or repository may share
-(`ln -sf variants/b.py mine.py`): users' modules are compiled each time.
+(`ln -sf variants/b.py mine.py`): users' modules are compiled each time. A process keeps what it has imported, whatever
+becomes of the file: of each source the content that was read is remembered.
 """
 
 import os
+import struct
 import sys
 import sysconfig
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from hashlib import sha256
 from importlib.machinery import SourceFileLoader
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +29,14 @@ from uavbench.bench.inputs.plugin_files import declared, loaded, plugins_made_of
 from uavbench.trajectories.files.temporary_names import start_ticks
 from uavbench.trajectories.kernels.cache import KernelFiles, folder_of, key_of
 from uavbench.trajectories.kernels.kept_imports import remembered
-from uavbench.trajectories.source_files import LIBRARIES, content_of, editable, is_ours, source_file
+from uavbench.trajectories.source_files import LIBRARIES, content_of, editable, is_ours, made_of, source_file
 
 MOST_VERSIONS = 100
 """Most compiled versions of a kernel in a folder: some argument types differ in each process and are never loaded."""
+COMPILED_OF = struct.Struct("<4xIII")
+"""Start of a file of compiled code: flags, time (s) and size (bytes) of its source."""
+_read: dict[Path, str] = {}
+"""Source of a user's module -> sha256 of the content that this process has imported."""
 _load: Any = Cache.load_overload
 _save: Any = Cache.save_overload
 _stats: Any = SourceFileLoader.path_stats
@@ -50,6 +57,31 @@ def written_since_start() -> list[str]:
     """
     files = {path for name in _users_modules() if (path := source_file(name))}
     return sorted(path.name for path in files if _is_newer(path))
+
+
+def edited_since_import(modules: Iterable[str]) -> list[str]:
+    """Names of the sources of users' modules, and of what they import, of which this process runs an earlier text."""
+    imported = {source_file(name) for name in list(sys.modules)}
+    files = sorted(path for path in made_of(modules).files if path in imported and not is_ours(path))
+    return [path.name for path in files if _runs_another_text(path)]
+
+
+def _runs_another_text(source: Path) -> bool:
+    """Whether a source differs from the one imported; by Python's compiled code where that was before any plug-in."""
+    now = sha256(content_of(source)).hexdigest()
+    if source not in _read and not (_is_newer(source) and _compiled_of_another(source)):
+        _read[source] = now
+    return _read.get(source) != now
+
+
+def _compiled_of_another(source: Path) -> bool:
+    """Whether the code that Python compiled of a source is of another time or size."""
+    start = content_of(Path(cache_from_source(source)))[: COMPILED_OF.size]
+    if len(start) < COMPILED_OF.size or sys.dont_write_bytecode:
+        return False
+    by_content, time_s, size = COMPILED_OF.unpack(start)
+    about = source.stat()
+    return not by_content and (time_s, size) != (int(about.st_mtime), about.st_size)
 
 
 def _load_by_content(kernel: Any, sig: Any, target_context: Any) -> Any:
@@ -79,6 +111,7 @@ def _save_by_content(kernel: Any, sig: Any, data: Any) -> None:
 def _stats_unless_users(loader: Any, path: str) -> Any:
     """Time and size of a source; OSError for a user's, of which Python then neither reads nor writes compiled code."""
     if editable(Path(path)) and not is_ours(Path(path)):
+        _read[Path(path)] = sha256(content_of(Path(path))).hexdigest()
         raise OSError(f"{path}: compiled each time")
     return _stats(loader, path)
 
