@@ -5,7 +5,9 @@ import inspect
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import Field, fields, is_dataclass, replace
+from enum import Enum
+from pathlib import PurePath
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -255,5 +257,38 @@ def record_of(
 
 
 def parameters(tracker: Any) -> dict[str, Any]:
-    """Parameters of a tracker by name."""
-    return asdict(tracker) if is_dataclass(tracker) and not isinstance(tracker, type) else {}
+    """Parameters of a tracker by name, as JSON values; not what it computes of them (`field(init=False)`)."""
+    return {f.name: plain(getattr(tracker, f.name)) for f in _given(tracker)}
+
+
+def _given(tracker: Any) -> list[Field[Any]]:
+    """Fields of a tracker that are set by whoever makes it."""
+    its = fields(tracker) if is_dataclass(tracker) and not isinstance(tracker, type) else ()
+    return [f for f in its if f.init and hasattr(tracker, f.name)]
+
+
+def plain(value: Any) -> Any:
+    """JSON value of a parameter: text of a path, value of an enumeration, lists of arrays and, in order, of sets.
+
+    UserError for one of any other type.
+    """
+    if value is None or (isinstance(value, bool | int | float | str) and not isinstance(value, np.generic | Enum)):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if is_dataclass(value) and not isinstance(value, type):
+        return parameters(value)
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(map(plain, value)) if type(value) in (list, tuple) else [*map(plain, value)]
+    if isinstance(value, set | frozenset):
+        return sorted(map(plain, value), key=repr)
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, PurePath):
+        return str(value)
+    raise UserError(
+        f"is of type {type(value).__name__}, which no record can hold; give numbers, texts, or lists or tables of "
+        "them, and make all else of them in `start`"
+    )

@@ -6,15 +6,18 @@ import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
+
+import numpy as np
 
 from uavbench.bench.inputs.file_paths import is_file, names_a_file
 from uavbench.bench.inputs.library_builds import READ_WITH, build, library_builds
 from uavbench.bench.inputs.plugin_files import bench_key, files_of, named_by_plugin, plugin_key
 from uavbench.bench.inputs.process_environment import process_environment
+from uavbench.tracker.run import plain
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
 from uavbench.trajectories.source_files import file_digest
@@ -43,7 +46,9 @@ def canonical(value: Any) -> Any:
         return {str(k): canonical(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [canonical(v) for v in value]
-    return value
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
+    return plain(value)
 
 
 @contextmanager
@@ -72,7 +77,7 @@ def _looked_at(value: Any, form: Callable[[], Any]) -> Any:
 def _of_plugin(value: Any) -> dict[str, Any]:
     """Class, code, fields and files of a dataclass; a field that names a file is replaced by the file's content."""
     cls = type(value)
-    form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}
+    form = {f.name: _of_field(value, f) for f in fields(cls)}
     form["class"] = f"{cls.__module__}:{cls.__qualname__}"
     top = cls.__module__.partition(".")[0]
     if cls.__module__.startswith("uavbench.bench."):
@@ -93,11 +98,22 @@ def _of_plugin(value: Any) -> dict[str, Any]:
     return form
 
 
+def _of_field(value: Any, field: Field[Any]) -> Any:
+    """Canonical form of a field; None for one that is computed of the others and has none, such as a network."""
+    try:
+        return canonical(getattr(value, field.name, None))
+    except UserError as error:
+        if not field.init:
+            return None
+        cls = type(value)
+        raise UserError(f"plug-in {cls.__module__}:{cls.__qualname__}: `{field.name}` {error}") from None
+
+
 def _paths(value: Any) -> Iterator[tuple[str, Path]]:
     """Fields of a dataclass that name files, with their paths."""
     for f in fields(value):
-        given = getattr(value, f.name)
-        if names_a_file(f.name) and given and isinstance(given, str):
+        given = getattr(value, f.name, None)
+        if names_a_file(f.name) and given and isinstance(given, str | PurePath):
             yield f.name, Path(given)
 
 
@@ -131,9 +147,9 @@ def contents(value: Any) -> list[list[str]]:
         return [form for part in parts for form in contents(part)]
     if not is_dataclass(value) or isinstance(value, type):
         return []
-    given = {f.name: getattr(value, f.name) for f in fields(value)}
-    paths = [path for _, path in _paths(value)]
+    given = {f.name: getattr(value, f.name, None) for f in fields(value)}
     is_own = type(value).__module__.partition(".")[0] not in PACKAGES
+    paths = [path for _, path in _paths(value)]
     named = (*paths, *getattr(value, "entering_files", ()), *(sorted(_named_by(paths)) if is_own else ()))
     forms = [[path.name, *(file_form(path)[1:2] if is_file(path) else ())] for path in named]
     return [*forms, *contents(given)]

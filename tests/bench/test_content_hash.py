@@ -16,6 +16,7 @@ from uavbench.bench.inputs import plugin_files
 from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, file_form, one_look, sources_hash
 from uavbench.bench.inputs.touched_files import Touched, touched_since
 from uavbench.scenes.structures.box import Box
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 
 
@@ -76,7 +77,7 @@ def test_the_order_of_keys_and_the_kind_of_a_list_do_not_matter():
 
 
 def test_what_has_no_form_is_refused():
-    with pytest.raises(TypeError):
+    with pytest.raises(UserError, match="is of type object, which no record can hold"):
         content_hash(object())
 
 
