@@ -5,6 +5,7 @@ import inspect
 import json
 import time
 from collections.abc import Callable, Mapping
+from copy import copy, deepcopy
 from dataclasses import Field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import PurePath
@@ -79,6 +80,7 @@ def begin(
 
     UserError naming the place in the tracker's code when `start` raises or does not return a run.
     """
+    tracker = own_copy(tracker)
     return started(tracker, sequence.structure, sequence.camera, cam_from_world, rng, body or body_of(sequence))
 
 
@@ -103,6 +105,14 @@ def started(
         what = one_line(repr(run))[:60]
         raise UserError(f"{tracker_kind(tracker)}: start returned {what}, which has no method `track`")
     return run
+
+
+def own_copy(tracker: Any) -> Any:
+    """The tracker with parameters of its own: what a run writes to them is in no record, and in no other run."""
+    own = copy(tracker)
+    for f in _given(tracker):
+        object.__setattr__(own, f.name, deepcopy(getattr(tracker, f.name)))
+    return own
 
 
 def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.Generator:

@@ -21,7 +21,7 @@ from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.protocol import Image, TrackResult
-from uavbench.tracker.run import started, tracker_stream
+from uavbench.tracker.run import own_copy, started, tracker_stream
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
@@ -158,7 +158,7 @@ class Loop:
         rng = tracker_stream(pilot.tracker, seed)
         run: Any = pilot.tracker
         if not isinstance(run, GroundTruth):
-            run = started(run, structure, camera, pose, rng, self.sensors.body)
+            run = started(own_copy(run), structure, camera, pose, rng, self.sensors.body)
         self.tracker = TrackerInFlight(run)
         start, mount = Start(pose, self.start_velocity_m_s), self.sensors.mount
         if pilot.loop.estimator == "truth":

@@ -3,13 +3,19 @@
 import importlib
 import itertools
 import json
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
 
 from uavbench.bench.config.suite import load_tracker
 from uavbench.bench.inputs.content_hash import content_hash
-from uavbench.tracker.run import parameters
+from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.protocols.restarting import run_from_anchors
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.run import parameters, track_sequence
 from uavbench.trajectories.errors import UserError
 
 PLUGIN = """
@@ -89,3 +95,31 @@ def test_what_a_plugin_computes_of_its_parameters_is_in_no_record(mine):
 def test_a_parameter_that_no_record_can_hold_is_named(mine):
     with pytest.raises(UserError, match=r":Mine: `net` is of type Net, which no record can hold; give numbers"):
         content_hash(mine(("net", "Net", "field(default_factory=Net)")))
+
+
+@dataclass
+class Itself:
+    """A tracker that is its own run."""
+
+    gain: float = 4.0
+    seen: list[int] = field(default_factory=list)
+    pose: Any = None
+
+    def start(self, structure, camera, cam_from_world, rng):
+        self.pose = cam_from_world
+        self.gain *= 0.5
+        return self
+
+    def track(self, image, stamp_ns):
+        self.seen.append(stamp_ns)
+        return TrackResult(status="ok" if self.gain == 2.0 else "lost", cam_from_world=self.pose)
+
+
+def test_what_a_run_writes_to_its_tracker_is_in_no_record_and_no_other_run():
+    tracker, sequence = Itself(), Sequence.load(TRIAL)
+    results = track_sequence(tracker, sequence, rate_hz=15.0, seed=0)
+    again = run_from_anchors(tracker, sequence, rate_hz=15.0, seed=0, every_s=0.2)
+    for record in (results.record, again.results.record):
+        assert record["tracker"]["parameters"] == {"gain": 4.0, "seen": [], "pose": None}
+        assert record["errors"] == []
+    assert results.ok.all()

@@ -23,7 +23,7 @@ from uavbench.tracker.initialization import read_init
 from uavbench.tracker.protocol import Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
-from uavbench.tracker.run import record_of, started, track_frame
+from uavbench.tracker.run import own_copy, record_of, started, track_frame
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import refuse_foreign
@@ -68,7 +68,7 @@ def track_images(
     structure = load_model(model)
     first = read_init(init, lens, structure)
     rng = stream(SEED, "tracker", tracker_kind(tracker))
-    run = started(tracker, structure, lens, first, rng, UNKNOWN_BODY)
+    run = started(own_copy(tracker), structure, lens, first, rng, UNKNOWN_BODY)
     rate_hz = rate_of(source, rate_hz)
     rows: list[TrackResult] = []
     errors: list[str] = []
