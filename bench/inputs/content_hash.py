@@ -15,7 +15,7 @@ import numpy as np
 
 from uavbench.bench.inputs.file_paths import is_file, names_a_file
 from uavbench.bench.inputs.library_builds import READ_WITH, build, library_builds
-from uavbench.bench.inputs.plugin_files import bench_key, files_of, named_by_plugin, plugin_key
+from uavbench.bench.inputs.plugin_files import bench_key, files_of, meant_by, named_by_plugin, plugin_key
 from uavbench.bench.inputs.process_environment import process_environment
 from uavbench.tracker.run import plain
 from uavbench.trajectories.errors import UserError
@@ -84,7 +84,7 @@ def _of_plugin(value: Any) -> dict[str, Any]:
         form["code"] = bench_key(cls)
     elif top not in PACKAGES:
         form["code"] = plugin_key(cls)
-    given = [Path(name) for name in getattr(value, INPUT_FILES, ())]
+    given = [*map(Path, getattr(value, INPUT_FILES, ())), *_meant(value)]
     form["entering"] = [file_form(path) for path in (*getattr(value, "entering_files", ()), *given)]
     form["variables"] = [os.environ.get(name, "") for name in getattr(value, "entering_variables", ())]
     for name, path in _paths(value):
@@ -107,6 +107,14 @@ def _of_field(value: Any, field: Field[Any]) -> Any:
             return None
         cls = type(value)
         raise UserError(f"plug-in {cls.__module__}:{cls.__qualname__}: `{field.name}` {error}") from None
+
+
+def _meant(value: Any) -> list[Path]:
+    """Files that parameters of a user's plug-in name under other keys than those of `_paths` and `input_files`."""
+    if type(value).__module__.partition(".")[0] in PACKAGES:
+        return []
+    known = {*map(Path, getattr(value, INPUT_FILES, ())), *(path for _, path in _paths(value))}
+    return sorted(meant_by(value) - known)
 
 
 def _paths(value: Any) -> Iterator[tuple[str, Path]]:
@@ -149,7 +157,7 @@ def contents(value: Any) -> list[list[str]]:
         return []
     given = {f.name: getattr(value, f.name, None) for f in fields(value)}
     is_own = type(value).__module__.partition(".")[0] not in PACKAGES
-    paths = [path for _, path in _paths(value)]
+    paths = [*(path for _, path in _paths(value)), *_meant(value)]
     named = (*paths, *getattr(value, "entering_files", ()), *(sorted(_named_by(paths)) if is_own else ()))
     forms = [[path.name, *(file_form(path)[1:2] if is_file(path) else ())] for path in named]
     return [*forms, *contents(given)]

@@ -3,14 +3,16 @@
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
+from uavbench.bench.inputs.file_paths import is_file
 from uavbench.bench.inputs.library_builds import ANY_FILE, recorded
-from uavbench.bench.inputs.named_files import is_python, named_files, named_from
+from uavbench.bench.inputs.named_files import folders_of, is_python, named_files, named_from
 from uavbench.trajectories.source_files import MadeOf, digest, is_ours, made_of, source_file, texts
 
 loaded: dict[str, frozenset[str]] = {}
@@ -58,6 +60,30 @@ def named_by_plugin(files: Iterable[Path]) -> set[Path]:
     """Files of a user's plug-in, and those that they name, also from the folder in which the process runs."""
     found = named_files(files)
     return found | named_from(Path.cwd(), found)
+
+
+def meant_by(plugin: Any) -> set[Path]:
+    """Files that the texts among a user's plug-in's parameters name, under whatever key: `weights = "net.npy"`.
+
+    They are looked up in the folder where the process runs, and in and above that of the source and in folders there,
+    as what sources name.
+    """
+    words = {os.path.expanduser(word) for f in fields(plugin) for word in _texts_in(getattr(plugin, f.name, None))}  # noqa: PTH111, raises nothing
+    source = source_file(type(plugin).__module__)
+    folders = [] if source is None else folders_of(source)
+    inside = (place for folder in folders for place in folder.iterdir() if place.is_dir())
+    places = {Path.cwd(), *folders, *(folder.parent for folder in folders), *inside}
+    return {path for place in places for word in words - {""} if is_file(path := place / word)}
+
+
+def _texts_in(value: Any) -> Iterator[str]:
+    """The texts of a parameter; nested plug-ins have their own."""
+    if isinstance(value, str | PurePath):
+        yield str(value)
+    elif isinstance(value, Mapping):
+        yield from _texts_in([*value.values()])
+    elif isinstance(value, list | tuple | set | frozenset):
+        yield from (word for part in value for word in _texts_in(part))
 
 
 def bench_key(cls: type) -> str:

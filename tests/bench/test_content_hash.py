@@ -115,11 +115,11 @@ def test_one_look_sees_a_value_as_it_was_at_first_and_the_next_look_sees_it_anew
     assert content_hash(value) != one
 
 
-def test_a_word_that_only_looks_like_a_file_enters_as_it_is(tmp_path):
+def test_a_word_that_names_no_file_enters_as_it_is(tmp_path):
     path = tmp_path / "note"
-    path.write_text("one")
     before = content_hash(WithFile(note=str(path)))
-    path.write_text("two")
+    path.mkdir()
+    (path / "inner").write_text("one")
     assert content_hash(WithFile(note=str(path))) == before != content_hash(WithFile(note="x"))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uavbench.bench.config.suite import load_tracker
-from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.inputs.content_hash import content_hash, contents
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.protocols.restarting import run_from_anchors
 from uavbench.scenes.dataset.sequence import Sequence
@@ -77,6 +77,42 @@ def test_a_parameter_is_in_the_key_and_in_the_record(mine, tmp_path, parameter, 
     assert len(content_hash(one)) == 64
     assert value is None or content_hash(one) != content_hash(type(one)())
     assert parameters(another).keys() == {parameter[0]}
+
+
+@pytest.mark.parametrize(
+    "parameter, value, where",
+    [
+        (("weights", "str", '""'), '"net.bin"', "net.bin"),
+        (("weights", "str", '""'), '"net.bin"', "code/net.bin"),
+        (("weights", "str", '""'), '"net.bin"', "code/nets/net.bin"),
+        (("weights", "Path", "Path()"), '"nets/net.bin"', "nets/net.bin"),
+        (("nets", "tuple[str, ...]", "()"), '["a.bin", "net.bin"]', "net.bin"),
+        (("net_files", "list[str]", "field(default_factory=list)"), '["net.bin"]', "net.bin"),
+        (("nets", "dict[str, str]", "field(default_factory=dict)"), '{ first = "net.bin" }', "net.bin"),
+        (("weights_file", "Path", "Path()"), '"net.bin"', "net.bin"),
+    ],
+)
+def test_a_file_that_a_parameter_names_enters_under_whatever_key(mine, tmp_path, parameter, value, where):
+    one = mine(parameter, value)
+    for text in ("1", "2"):
+        (tmp_path / where).parent.mkdir(exist_ok=True)
+        (tmp_path / where).write_text(text)
+        keys = content_hash(one), contents(one)
+        (tmp_path / "beside.bin").write_text(text)
+        assert (content_hash(one), contents(one)) == keys
+        if text == "1":
+            first = keys
+    assert first[0] != keys[0]
+    assert first[1] != keys[1]
+
+
+def test_a_text_that_names_a_folder_or_no_file_names_nothing(mine, tmp_path):
+    (tmp_path / "out").mkdir()
+    for value in ('"out"', '""', f'"{"x" * 300}"', '"fast"', '"a\\u0000b"'):
+        one = mine(("mode", "str", '""'), value)
+        before = content_hash(one)
+        (tmp_path / "out" / f"{len(value)}.txt").write_text("1")
+        assert content_hash(one) == before
 
 
 def test_what_a_plugin_computes_of_its_parameters_is_in_no_record(mine):
