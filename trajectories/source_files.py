@@ -6,7 +6,7 @@ import importlib.util
 import sys
 import sysconfig
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.machinery import ModuleSpec, PathFinder
@@ -115,11 +115,32 @@ def source_file(name: str) -> Path | None:
     """
     top = name.partition(".")[0]
     above = getattr(sys.modules.get(top), "__file__", None)
-    if top in sys.stdlib_module_names or (above is not None and not _may_be_edited(above)):
+    if _is_of_python(top) or (above is not None and not _may_be_edited(above)):
         return None
     spec = None if name in sys.modules else _spec(name)
     path = getattr(sys.modules.get(name), "__file__", None) or (spec.origin if spec and spec.has_location else None)
     return _path(path) if path is not None and _may_be_edited(path) else None
+
+
+def _is_of_python(top: str) -> bool:
+    """Whether a name is that of a module of the interpreter, and of no file that users have before it on the path."""
+    if top not in sys.stdlib_module_names:
+        return False
+    file = getattr(sys.modules.get(top), "__file__", None)
+    return not _may_be_edited(file) if file else top in sys.modules or top not in _before_pythons(tuple(sys.path))
+
+
+@cache
+def _before_pythons(path: tuple[str, ...]) -> frozenset[str]:
+    """Names of the modules in the folders of a path that come before the interpreter's own."""
+    found: set[str] = set()
+    for folder in map(Path, path):
+        if _installed(folder):
+            break
+        with suppress(OSError):
+            there = [inner for inner in folder.iterdir() if inner.suffix == ".py" or (inner / "__init__.py").is_file()]
+            found.update(inner.stem for inner in there)
+    return frozenset(found)
 
 
 def among(folders: Iterable[Path]) -> Find:
