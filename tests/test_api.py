@@ -154,6 +154,11 @@ def test_a_mistake_names_the_side_and_what_is_wrong(given, told):
         ub.evaluate(curve(), given)
 
 
+def test_a_sequence_that_is_given_in_place_of_its_folder_is_named(folder):
+    with pytest.raises(ub.UserError, match="the reference: is a sequence; give its `ground_truth`"):
+        ub.evaluate(ub.open_sequence(folder / "sequences" / "drawn-s0"), curve())
+
+
 def test_a_table_of_complex_numbers_is_refused_as_an_array_is():
     table = pd.DataFrame(curve(), columns=["time_s", "px_m", "py_m", "pz_m", "qx", "qy", "qz", "qw"])
     with pytest.raises(ub.UserError, match="the estimate: holds complex numbers"):

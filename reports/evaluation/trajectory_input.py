@@ -63,6 +63,8 @@ def name_of(given: Given, side: str) -> str:
 
 
 def _of_array(given: Any) -> Trajectory:
+    if hasattr(given, "ground_truth"):
+        raise ValueError("is a sequence; give its `ground_truth`, the poses of the body, or its folder")
     if np.ma.is_masked(given):
         raise ValueError("has masked values; leave their rows out")
     if np.iscomplexobj(given):
