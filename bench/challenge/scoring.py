@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from uavbench.bench.challenge.organizer import Challenge, Hidden
 from uavbench.bench.challenge.submission import Fault, find_submission
 from uavbench.bench.challenge.submitted_poses import Frames, Rows, read_submitted
-from uavbench.reports.evaluation.plausibility import doubts
+from uavbench.reports.evaluation.doubts.plausibility import doubts
 from uavbench.reports.leaderboard.submission_score import SequenceScore, SubmissionScore
 from uavbench.reports.metrics.association import Matches, paired
 from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors

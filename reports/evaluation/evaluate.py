@@ -4,11 +4,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Unpack
 
+from uavbench.reports.evaluation.doubts.same_sequence import doubts_of_clocks, doubts_of_sequence
 from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
 from uavbench.reports.evaluation.find_trajectory import Found
 from uavbench.reports.evaluation.frames import in_one_frame
 from uavbench.reports.evaluation.options import OWN_MODE, EvaluateOptions, Options, chosen_options
-from uavbench.reports.evaluation.same_sequence import doubts_of_clocks, doubts_of_sequence
 from uavbench.reports.evaluation.trajectory_input import Given, found_in, name_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import given_path
@@ -57,7 +57,8 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
     if not options.get("ignore_frames"):
         second = in_one_frame(first, second, None if mount is None else given_path("mount", mount), chosen.align)
     p, q = first.trajectory, second.trajectory
-    if not (first.stamped and second.stamped):
+    stamped = first.stamped and second.stamped
+    if not stamped:
         if chosen.offset_s:
             raise UserError(
                 f"{reference.name} against {estimate.name}: files in the KITTI format have no stamps that an offset of "
@@ -66,7 +67,8 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
         p, q = paired_by_row(reference, estimate)
     files = {"mode": options.get("mode") or OWN_MODE, "reference": _about(first), "estimate": _about(second)}
     try:
-        done = evaluate(p, q, chosen, files, second.covariances, second.asked_ns if first.stamped else None)
+        asked_ns = second.asked_ns if first.stamped else None
+        done = evaluate(p, q, chosen, files, second.covariances, asked_ns, stamped)
     except UserError as error:
         raise UserError(f"{reference.name} against {estimate.name}: {error}") from None
     done.record["doubts"] += doubts_of_sequence(first.file, second.file)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.reports.evaluation.doubts.clock_offset import Compared, doubts_of_offset
+from uavbench.reports.evaluation.doubts.plausibility import doubts, doubts_of_stamps
 from uavbench.reports.evaluation.gaps import longest_step_ns
 from uavbench.reports.evaluation.options import Options
-from uavbench.reports.evaluation.plausibility import doubts, doubts_of_stamps
 from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
@@ -168,10 +169,12 @@ def evaluate(
     files: dict[str, Any] | None = None,
     claimed: PoseCovariances | None = None,
     asked_ns: NDArray[np.int64] | None = None,
+    stamped: bool = True,
 ) -> Evaluation:
     """Evaluation of two trajectories; `files` goes into the record. UserError when they cannot be compared.
 
     claimed: covariances of the estimate's poses. asked_ns: stamps of all frames that its tracker was given, if known.
+    stamped: whether both have stamps of their own, or those of the other in the same row.
     """
     options = options or Options()
     with _doubted(reference, estimate):
@@ -226,7 +229,10 @@ def evaluate(
             "pairs_from": interval.pairs_from,
             "std_ddof": 0,
             "coverage": OF_FILES if asked_ns is None else OF_TRACKER,
-            "doubts": [*doubts(reference, estimate, raw, options.align)],
+            "doubts": [
+                *doubts(reference, estimate, raw, options.align),
+                *doubts_of_offset(Compared(reference, estimate, rows.estimate, options), stamped),
+            ],
             "versions": versions(),
         },
         pairs=pairs,
