@@ -343,6 +343,18 @@ def test_ground_truth_whose_markers_were_lost_is_told(tmp_path: Path) -> None:
         assert len(said) == 1 and told in said[0] and "lose its markers? Remove these rows" in said[0], said
 
 
+def test_an_estimate_that_is_at_its_origin_where_it_is_lost_is_told(tmp_path: Path) -> None:
+    """Ten such rows of 400 had made 2 cm of error 42 cm."""
+    way = circle()
+    truth, count = written(tmp_path / "truth.tum", way), len(way)
+    found = evaluate_files(truth, written(tmp_path / "lost.tum", lost(way, range(5, 9), np.zeros(3))))
+    (said,) = found.record["doubts"]
+    assert f"the estimate is at 0, 0, 0 in 4 of {count} poses, and elsewhere before" in said
+    first = way.pose(0).inverse()
+    begun = Trajectory.from_poses(way.stamps_ns.tolist(), [first @ way.pose(k) for k in range(count)])
+    assert evaluate_files(truth, written(tmp_path / "begun.tum", begun), align="se3").record["doubts"] == []
+
+
 def test_ground_truth_at_rest_or_at_its_origin_leaves_no_doubt(tmp_path: Path) -> None:
     way, still = circle(), range(20)
     first = way.pose(0).inverse()

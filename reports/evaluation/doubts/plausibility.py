@@ -1,6 +1,6 @@
 """Plausibility of trajectories: units, order of quaternions, direction and axes of poses, poses that nobody measured.
 
-The latter are those of motion capture that lost its markers.
+The latter are those of motion capture that lost its markers, and of trackers that are lost.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -29,6 +29,7 @@ SECOND_NS, LASTS = 10**9, 2.0
 REPEATED, MOVED = 5, 5.0
 """Equal poses of the ground truth in a row from which on motion capture may have lost its markers, if the estimate has
 moved meanwhile, in medians of its steps."""
+MARKERS_LOST = "did motion capture lose its markers"
 OTHERWISE: Mapping[str, Callable[[Array], Array]] = {
     "its quaternions were read w first": lambda q: q[:, [1, 2, 3, 0]],
     "its quaternions were read w last": lambda q: q[:, [3, 0, 1, 2]],
@@ -45,7 +46,9 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     pairs: matched poses before alignment.
     """
     yield from doubts_of_stamps(reference, estimate)
-    yield from _doubts_of_capture(reference, pairs)
+    yield from _doubts_of_origin("reference", reference, MARKERS_LOST)
+    yield from _doubts_of_origin("estimate", estimate, "does it say so where it is lost")
+    yield from _doubts_of_capture(pairs)
     if len(pairs) < 3:
         return
     near, far = _from_middle(pairs.estimate_m), _from_middle(pairs.reference_m)
@@ -91,18 +94,19 @@ def doubts_of_stamps(reference: Trajectory, estimate: Trajectory) -> Iterator[st
             )
 
 
-def _doubts_of_capture(reference: Trajectory, pairs: PosePairs) -> Iterator[str]:
-    """A sentence where the reference falls back to its origin, or stays at one pose to the last digit.
-
-    So does motion capture write frames in which it saw too few markers.
-    """
-    lost = (reference.positions_m == 0).all(axis=1)
+def _doubts_of_origin(whose: str, trajectory: Trajectory, cause: str) -> Iterator[str]:
+    """A sentence where a trajectory falls back to its origin, as files do in which a lost pose is the identity."""
+    lost = (trajectory.positions_m == 0).all(axis=1)
     falls = np.flatnonzero(lost[1:] & ~lost[:-1]) + 1
     if len(falls):
         yield (
-            f"the reference is at 0, 0, 0 in {lost.sum()} of {len(reference)} poses, and elsewhere before, as at "
-            f"{reference.stamps_ns[falls[0]] / SECOND_NS:.3f} s: did motion capture lose its markers? Remove these rows"
+            f"the {whose} is at 0, 0, 0 in {lost.sum()} of {len(trajectory)} poses, and elsewhere before, as at "
+            f"{trajectory.stamps_ns[falls[0]] / SECOND_NS:.3f} s: {cause}? Remove these rows"
         )
+
+
+def _doubts_of_capture(pairs: PosePairs) -> Iterator[str]:
+    """A sentence where the reference stays at one pose to the last digit, as of motion capture that sees no markers."""
     poses = np.hstack([pairs.reference_m, pairs.reference_q])
     starts = np.r_[0, np.flatnonzero((poses[1:] != poses[:-1]).any(axis=1)) + 1]
     ends = np.r_[starts[1:], len(pairs)]
@@ -117,7 +121,7 @@ def _doubts_of_capture(reference: Trajectory, pairs: PosePairs) -> Iterator[str]
         count, first_s = sum(run.stop - run.start for run in held), pairs.stamps_ns[held[0].start] / SECOND_NS
         yield (
             f"the reference stays at one pose, to the last digit, in {count} of {len(pairs)} matched poses, while the "
-            f"estimate moves, as from {first_s:.3f} s on: did motion capture lose its markers? Remove these rows"
+            f"estimate moves, as from {first_s:.3f} s on: {MARKERS_LOST}? Remove these rows"
         )
 
 
