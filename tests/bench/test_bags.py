@@ -595,6 +595,21 @@ def test_a_camera_that_is_the_one_of_its_bag_leaves_no_doubt(tmp_path, topic, ca
     assert told_of(tmp_path, topic, camera, **(K_AND_D | change)) == []
 
 
+@pytest.mark.parametrize(("topic", "zoomed"), [("/cam/image_raw", "k"), ("/cam/image_rect", "p")])
+def test_a_lens_that_zooms_within_a_bag_is_doubted(tmp_path, topic, zoomed):
+    camera = (*K_AND_D["k"], "radtan", K_AND_D["d"]) if zoomed == "k" else (*P, "none", ())
+    after = {zoomed: (60.0, 60.0, 31.0, 24.0)}
+    infos = [(s, camera_info(**(K_AND_D | (after if s > STAMPS[1] else {})))) for s in STAMPS]
+    for stamp, info in infos:
+        info.header.stamp = header(stamp, "cam").stamp
+    images = [(s, raw(s, "bgr8", PICTURE)) for s in STAMPS]
+    for name, sent in (("steady", infos[:2]), ("zooming", infos)):
+        bag = written(tmp_path / name, {topic: images, "/cam/camera_info": sent})
+        told = doubts_of_info(BagTopic(bag, topic), Camera(64, 48, *camera))
+        assert len(told) == (name == "zooming")
+    assert f"from {STAMPS[2] / 1e9:.3f} s on, fx = 60 and cx = 31, and before fx = " in told[0]
+
+
 def test_track_tells_of_a_camera_that_the_bag_contradicts(tmp_path, real):
     info = camera_info(**K_AND_D)
     topics = {"/cam/image_raw": [(s, raw(s, "bgr8", PICTURE)) for s in STAMPS], "/cam/camera_info": [(STAMPS[0], info)]}

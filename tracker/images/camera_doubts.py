@@ -6,7 +6,7 @@ import numpy as np
 
 from uavbench.scenes.calibrations.other_tools import own_name
 from uavbench.scenes.camera import DISTORTION_COEFFICIENTS, Camera
-from uavbench.trajectories.bags.reading import BagTopic, opened_bag
+from uavbench.trajectories.bags.reading import BagTopic, opened_bag, stamp_ns
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
@@ -43,10 +43,38 @@ def doubts_of_camera(camera: Camera) -> list[str]:
 
 
 def doubts_of_info(source: BagTopic, camera: Camera) -> list[str]:
-    """Message on a camera that is not the one of a topic's images by their name and the `camera_info` beside them.
+    """Messages on a camera that is not the one of a topic's images by their name and the `camera_info` beside them.
 
-    Images as the camera gives them have its K and D, rectified ones its P and no distortion.
+    Images as the camera gives them have its K and D, rectified ones its P and no distortion. One camera has all of
+    them: its lens does not zoom.
     """
+    return [*_doubts_of_numbers(source, camera), *_doubts_of_zoom(source)]
+
+
+def _doubts_of_zoom(source: BagTopic) -> list[str]:
+    """Message on a `camera_info` whose intrinsics change in the course of a bag, as where its lens zooms."""
+    place, _, name = source.topic.removesuffix("/compressed").rpartition("/")
+    topic, key = f"{place}/camera_info", "p" if name.startswith(RECTIFIED) else "k"
+    first = None
+    try:
+        with opened_bag(source.bag) as bag:
+            for info in bag.messages(topic, (INFO,)):
+                now = _intrinsics(info, key)
+                first = now if first is None else first
+                if not np.allclose(now, first, rtol=OTHER):
+                    return [
+                        f"{source.bag}:{topic}: from {stamp_ns(info.header) / 1e9:.3f} s on, fx = {now[0]:.9g} and "
+                        f"cx = {now[2]:.9g}, and before fx = {first[0]:.9g} and cx = {first[2]:.9g}: does the lens "
+                        "zoom, or do two cameras send it? All images are taken with one camera; track each part by "
+                        "itself"
+                    ]
+    except UserError:
+        return []
+    return []
+
+
+def _doubts_of_numbers(source: BagTopic, camera: Camera) -> list[str]:
+    """Message on a camera with the distortion or the intrinsics of other images than those of a topic."""
     place, _, name = source.topic.removesuffix("/compressed").rpartition("/")
     rectified, bent = name.startswith(RECTIFIED), any(camera.distortion)
     if rectified and bent:
