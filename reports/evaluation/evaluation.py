@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.reports.evaluation.doubts.clock_offset import Compared, doubts_of_offset
+from uavbench.reports.evaluation.doubts.other_frames import doubts_of_frames
 from uavbench.reports.evaluation.doubts.plausibility import doubts, doubts_of_stamps
 from uavbench.reports.evaluation.gaps import longest_step_ns
 from uavbench.reports.evaluation.options import Options
@@ -189,6 +190,10 @@ def evaluate(
     else:
         asked_s = asked_ns / NS + options.offset_s
         expected = len(one_to_one(reference.stamps_ns / NS, asked_s, options.max_difference_s).reference)
+    told = [
+        *doubts(reference, estimate, raw, options.align),
+        *doubts_of_offset(Compared(reference, estimate, rows.estimate, options), stamped),
+    ]
     interval = options.interval
     i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
@@ -229,10 +234,7 @@ def evaluate(
             "pairs_from": interval.pairs_from,
             "std_ddof": 0,
             "coverage": OF_FILES if asked_ns is None else OF_TRACKER,
-            "doubts": [
-                *doubts(reference, estimate, raw, options.align),
-                *doubts_of_offset(Compared(reference, estimate, rows.estimate, options), stamped),
-            ],
+            "doubts": told or [*doubts_of_frames(raw, pairs, options.align)],
             "versions": versions(),
         },
         pairs=pairs,

@@ -57,7 +57,7 @@ def test_the_offset_of_another_clock_is_told(late_s: float, align: str) -> None:
     ],
 )
 def test_other_errors_are_not_put_down_to_the_clocks(estimate: Trajectory, align: str) -> None:
-    assert evaluate_files(TRUTH, estimate, align=align).record["doubts"] == []
+    assert not any("clocks" in doubt for doubt in evaluate_files(TRUTH, estimate, align=align).record["doubts"])
 
 
 def test_straight_flight_at_one_speed_is_not_put_down_to_the_clocks() -> None:

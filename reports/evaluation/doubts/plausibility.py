@@ -36,6 +36,10 @@ OTHERWISE: Mapping[str, Callable[[Array], Array]] = {
     "its poses were inverted": conjugate,
 }
 """Other readings of quaternions wxyz (n, 4): of another order, or of poses that map from the world."""
+Z_DOWN: Mapping[str, Callable[[Array], Array]] = {
+    "world and moving axes of one file had z down (NED, FRD)": lambda q: q * [1, 1, -1, -1]
+}
+"""Quaternions wxyz (n, 4) with all axes turned by 180 degrees about x."""
 SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
 """Alignments that estimate the scale."""
 
@@ -56,20 +60,22 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     if factor and align not in SCALED and np.corrcoef(near, far)[0, 1] > SAME_WAY:
         yield f"the positions of the estimate spread {_times(factor)} those of the reference: are both in metres?"
     e, r = pairs.estimate_q, pairs.reference_q
-    if found := (align == "none" and _fitting(e, r, lambda q: q)) or _fitting(e, r, _since_first):
+    if found := (align == "none" and _fitting(e, r, lambda q: q, {**OTHERWISE, **Z_DOWN})) or _fitting(
+        e, r, _since_first, OTHERWISE
+    ):
         said = " or if ".join(found)
         yield (
             f"the rotations of the estimate would fit if {said}: are order and direction (to the world) right, also "
             "those of the reference?"
         )
-    elif align == "none" and (turned_deg := _turned_deg(e, r)):
+    elif align == "none" and (angle_deg := turned_deg(e, r)):
         yield (
-            f"the rotations of the estimate are those of the reference, turned by the same {turned_deg:.0f} degrees in "
+            f"the rotations of the estimate are those of the reference, turned by the same {angle_deg:.0f} degrees in "
             "all poses: are the axes of the camera, body or world others, or is a --mount inverted?"
         )
-    elif align == "none" and (turned_deg := _turned_deg(conjugate(e), conjugate(r))):
+    elif align == "none" and (angle_deg := turned_deg(conjugate(e), conjugate(r))):
         yield (
-            f"the rotations of the estimate are those of the reference in a world turned by {turned_deg:.0f} degrees: "
+            f"the rotations of the estimate are those of the reference in a world turned by {angle_deg:.0f} degrees: "
             "are the axes of one world others, as y up? Turn them, or give --align"
         )
 
@@ -130,7 +136,7 @@ def _reach(positions_m: Array) -> float:
     return float(np.linalg.norm(positions_m - positions_m[0], axis=1).max())
 
 
-def _turned_deg(estimate_q: Array, reference_q: Array) -> float:
+def turned_deg(estimate_q: Array, reference_q: Array) -> float:
     """Angle in degrees of the one rotation of moving axes between rotations (n, 4); 0 if small, or if there is none.
 
     Of inverse rotations it is that of the fixed axes.
@@ -141,7 +147,12 @@ def _turned_deg(estimate_q: Array, reference_q: Array) -> float:
     return float(np.degrees(off_rad)) if turned else 0.0
 
 
-def _fitting(estimate_q: Array, reference_q: Array, of: Callable[[Array], Array]) -> list[str]:
+def _fitting(
+    estimate_q: Array,
+    reference_q: Array,
+    of: Callable[[Array], Array],
+    readings: Mapping[str, Callable[[Array], Array]],
+) -> list[str]:
     """The other readings by which what `of` gives of the rotations would fit.
 
     The world of the estimate may be another one before an alignment; rotations since the first pose fit all the same.
@@ -149,7 +160,7 @@ def _fitting(estimate_q: Array, reference_q: Array, of: Callable[[Array], Array]
     given = _angle(of(estimate_q), of(reference_q))
     return [
         what
-        for what, otherwise in OTHERWISE.items()
+        for what, otherwise in readings.items()
         if given > CLOSE_RAD and _angle(of(otherwise(estimate_q)), of(reference_q)) < 0.1 * given
     ]
 
