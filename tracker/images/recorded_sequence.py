@@ -22,7 +22,7 @@ from uavbench.scenes.image_files import SUFFIXES, is_plain, read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
-from uavbench.tracker.images.image_levels import BlackImages
+from uavbench.tracker.images.image_levels import BlackImages, RepeatedImages
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
 from uavbench.tracker.images.image_times import doubts_of_times
 from uavbench.tracker.images.model_size import doubts_of_size
@@ -154,13 +154,14 @@ def record(
     """
     refuse_foreign(folder, RECORDED)
     recording = spec.source.find()
-    place, levels = recording.images[0].parent, BlackImages()
+    place, levels, repeated = recording.images[0].parent, BlackImages(), RepeatedImages()
     with disk_errors(folder), new_folder(folder, RECORDED) as new:
         (new / "frames").mkdir()
         lines = ["frame,stamp_ns,file"]
         for frame, image in enumerate(recording.images):
             shown = read_image(image, recording.camera)
             levels.see(shown)
+            repeated.see(shown)
             plain = is_plain(read_bytes(image, IMAGE))
             name = f"frames/{frame:06d}{image.suffix if plain else '.png'}"
             if plain:
@@ -187,6 +188,7 @@ def record(
                 *doubts_of_names(recording.images, spec.rate_hz),
                 *doubts_of_times(place, spec.rate_hz),
                 *levels.doubts(place.name),
+                *repeated.doubts(place.name),
             ],
         }
         write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")

@@ -13,7 +13,7 @@ from uavbench.scenes.image_files import SUFFIXES, begin_video, finish_video, is_
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.camera_doubts import doubts_of_camera, doubts_of_info
-from uavbench.tracker.images.image_levels import BlackImages
+from uavbench.tracker.images.image_levels import BlackImages, RepeatedImages
 from uavbench.tracker.images.image_names import by_numbers, doubts_of_names, in_seconds, refuse_twins
 from uavbench.tracker.images.image_times import doubts_of_times
 from uavbench.tracker.images.model_size import doubts_of_size
@@ -57,8 +57,9 @@ def track_images(
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
     times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read, are nearly
-    black, or seem to be missing, of files with times beside them, of a model that seems to be in another unit, of a
-    principal point of another convention, and of a `camera_info` beside a topic that tells another camera.
+    black, are the one before again, or seem to be missing, of files with times beside them, of a model that seems to be
+    in another unit, of a principal point of another convention, and of a `camera_info` beside a topic that tells
+    another camera.
     UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
@@ -73,13 +74,14 @@ def track_images(
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
-    levels = BlackImages()
+    levels, repeated = BlackImages(), RepeatedImages()
     images = frames(source, lens, rate_hz)
     with new_folder(out, MARKER) as new:
         shown_hz = min(max(rate_hz, SHOWN_HZ[0]), SHOWN_HZ[1])
         writer = begin_video(new / "overlay.mp4", "mp4v", shown_hz, (lens.width, lens.height))
         for frame, (stamp_ns, image) in enumerate(images):
             levels.see(image)
+            repeated.see(image)
             result, error = track_frame(run, image, stamp_ns)
             if error:
                 errors.append(f"frame {frame}: {error}")
@@ -97,6 +99,7 @@ def track_images(
             *doubts_of_size(structure, first),
             *_doubts(source, images, rate_hz, lens),
             *levels.doubts(name),
+            *([] if isinstance(images, VideoImages) else repeated.doubts(name)),
         ]
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
