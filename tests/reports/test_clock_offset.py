@@ -79,3 +79,37 @@ def test_rows_that_do_not_begin_with_the_same_frame_are_told(tmp_path: Path) -> 
     write_tum(every, tmp_path / "truth.tum")
     write_kitti(every, tmp_path / "every.txt")
     assert evaluate_files(tmp_path / "truth.tum", tmp_path / "every.txt").record["doubts"] == []
+
+
+@pytest.mark.parametrize("align", ["none", "se3"])
+@pytest.mark.parametrize(("given_hz", "true_hz"), [(30.0, 20.0), (25.0, 30.0), (30.0, 15.0)])
+def test_images_that_were_taken_for_ones_of_another_rate_are_told(given_hz: float, true_hz: float, align: str) -> None:
+    frames = np.arange(int(60 * min(given_hz, true_hz)))
+    true = flown(frames / true_hz)
+    noisy = true.positions_m + np.random.default_rng(0).normal(0, 0.002, true.positions_m.shape)
+    taken = Trajectory(np.round(frames / given_hz * 1e9).astype(np.int64), noisy, true.quaternions_wxyz)
+    (said,) = [doubt for doubt in evaluate_files(TRUTH, taken, align=align).record["doubts"] if "--rate-hz" in doubt]
+    assert f"if its stamps were {given_hz / true_hz:.4g} times as far" in said
+
+
+def test_another_scale_of_a_straight_flight_is_no_other_rate() -> None:
+    p, still = np.column_stack([T, 0 * T, 0 * T]), np.tile([1.0, 0, 0, 0], (len(T), 1))
+    way = Trajectory(np.round(T * 1e9).astype(np.int64), p, still)
+    scaled = Trajectory(way.stamps_ns, p / 1.2, still)
+    assert evaluate_files(way, scaled).record["doubts"] == []
+
+
+@pytest.mark.parametrize("align", ["none", "se3", "sim3"])
+def test_a_vehicle_at_rest_before_and_after_its_flight_is_no_other_clock(align: str) -> None:
+    """Shifted to where the vehicle rests, an alignment with scale would shrink the estimate, and all errors, to 0."""
+    at = flown(T)
+    rest = np.clip(np.arange(len(T)) - 400, 0, 400)
+    positions_m, quaternions = at.positions_m[rest], at.quaternions_wxyz[rest]
+    rng = np.random.default_rng(1)
+    stamps_ns = flown(T).stamps_ns
+    truth = Trajectory(stamps_ns, positions_m + rng.normal(0, 1e-5, NOISE_M.shape), quaternions)
+    rough = Trajectory(stamps_ns, positions_m + rng.normal(0, 0.3, NOISE_M.shape), quaternions)
+    assert evaluate_files(truth, rough, align=align).record["doubts"] == []
+    late = Trajectory(stamps_ns + 800_000_000, positions_m + NOISE_M, quaternions)
+    (said,) = evaluate_files(truth, late, align=align).record["doubts"]
+    assert "give --t-offset -0." in said

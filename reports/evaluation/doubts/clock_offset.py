@@ -1,4 +1,4 @@
-"""Whether one offset between the clocks of two trajectories explains their errors."""
+"""Whether one offset between the clocks of two trajectories, or another rate of one, explains their errors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.reports.evaluation.doubts.other_frames import fitted, world_columns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.metrics.align import align
 from uavbench.reports.metrics.ape import pose_error_sizes
@@ -20,6 +21,8 @@ from uavbench.trajectories.trajectory import Trajectory
 COARSE_S: Array = np.linspace(-30, 30, 301)
 FINE_S, MINIMA = (0.02, 2e-3), 5
 """Offsets in s that are tried, and the steps in which the best of them are refined, and how many."""
+RATES_HZ, MOST_TIMES = (5, 10, 12, 15, 20, 24, 25, 30, 50, 60, 90, 100, 120), 6
+"""Rates of cameras, of which one may have been taken for another, and how many times it may be the other."""
 LEAST_S = 3e-3
 """Offset in s below which it may be one of rounded stamps."""
 BETTER = 0.4
@@ -63,13 +66,23 @@ def doubts_of_offset(of: Compared, stamped: bool) -> Iterator[str]:
         )
     elif shift := round(by_s / search.step_s):
         yield f"{fit} if its rows were paired with those {shift:+d} on: do both files begin with the same frame?"
+    elif stamped and (stretch := search.best_stretch()) != 1:
+        yield (
+            f"the positions of the estimate would fit to {_cm(search.errors(0.0, stretch).offsets_m)} in place of "
+            f"{_cm(before)} if its stamps were {stretch:.4g} times as far from its first one: is it of images of "
+            "another rate, as of a --rate-hz that was not theirs?"
+        )
 
 
 class _Errors(NamedTuple):
-    """Offsets of position (n, 3) in m, NaN where the reference has no pose, and the rms error of rotation in rad."""
+    """Offsets of position (n, 3) in m, NaN where the reference has no pose, and the rms error of rotation in rad.
+
+    reference_m: positions (n, 3) of the reference, NaN where it has no pose.
+    """
 
     offsets_m: Array
     rotation_rad: float
+    reference_m: Array
 
 
 class _Search:
@@ -79,6 +92,7 @@ class _Search:
         chosen = np.linspace(0, len(of.rows) - 1, min(len(of.rows), POSES)).astype(np.int64)
         self.of, self.rows = of, of.rows[chosen]
         self.stamps_s = of.estimate.stamps_ns[self.rows] / NS + of.options.offset_s
+        self.first_s = of.estimate.stamps_ns[0] / NS + of.options.offset_s
         self.table_s = of.reference.stamps_ns / NS
         steps_s = np.diff(self.table_s)
         self.step_s = float(np.median(steps_s))
@@ -113,34 +127,56 @@ class _Search:
             offset_s = float(tried[np.argmin(self.ratios(tried))])
         return offset_s
 
+    def best_stretch(self) -> float:
+        """Factor of the times since the first pose with the least errors of position, 1 if none is told.
+
+        It must explain them far better than another world would, of another scale, too, and not make rotations worse.
+        """
+        factors = sorted({a / b for a in RATES_HZ for b in RATES_HZ if a != b and max(a, b) <= MOST_TIMES * min(a, b)})
+        allowed_rad = self.still.rotation_rad + WORSE_RAD
+        ratios = np.array([self.ratio(0.0, factor) for factor in factors])
+        best = int(np.argmin(ratios))
+        if not ratios[best] < BETTER or self.errors(0.0, factors[best]).rotation_rad > allowed_rad:
+            return 1.0
+        known = np.isfinite(self.still.offsets_m[:, 0])
+        positions_m = self.of.estimate.positions_m[self.rows[known]]
+        left_m = self.errors(0.0, factors[best]).offsets_m
+        otherwise_m = fitted(world_columns(positions_m), self.still.offsets_m[known]).rest_m
+        return factors[best] if _rms(left_m) < BETTER * _rms(otherwise_m) else 1.0
+
     def ratios(self, offsets_s: Array) -> Array:
         """`ratio` of offsets (n,) in s."""
         return np.array([self.ratio(float(offset_s)) for offset_s in offsets_s])
 
-    def ratio(self, by_s: float) -> float:
-        """Errors of position with stamps shifted by by_s, over how much those without vary; inf where unknown."""
-        moved_m, still_m = self.errors(by_s).offsets_m, self.still.offsets_m
+    def ratio(self, by_s: float, stretch: float = 1.0) -> float:
+        """Errors of position with other stamps, as of `errors`, over how much those without vary; inf where unknown.
+
+        Both are in parts of how far the reference moves meanwhile: where it rests, an alignment shrinks all errors.
+        """
+        moved, still = self.errors(by_s, stretch), self.still
+        moved_m, still_m = moved.offsets_m, still.offsets_m
         both = np.isfinite(moved_m[:, 0]) & np.isfinite(still_m[:, 0])
         if both.sum() < max(LEAST_POSES, SHARE * len(self.rows)):
             return np.inf
-        varies = float((still_m[both] - still_m[both].mean(axis=0)).std())
-        return float(np.sqrt((moved_m[both] ** 2).mean())) / varies if varies > 0 else np.inf
+        varies = _spread(still_m[both]) * _spread(moved.reference_m[both])
+        return _rms(moved_m[both]) * _spread(still.reference_m[both]) / varies if varies > 0 else np.inf
 
-    def errors(self, by_s: float) -> _Errors:
-        """Errors after the alignment, with stamps shifted by by_s."""
-        stamps_s = self.stamps_s + by_s
+    def errors(self, by_s: float, stretch: float = 1.0) -> _Errors:
+        """Errors after the alignment, with stamps stretched from the estimate's first one on, and shifted by by_s."""
+        stamps_s = self.first_s + stretch * (self.stamps_s - self.first_s) + by_s
         right = np.searchsorted(self.table_s, stamps_s)
         known = self.dense[right]
         offsets_m = np.full((len(stamps_s), 3), np.nan)
         if not known.any():
-            return _Errors(offsets_m, np.inf)
+            return _Errors(offsets_m, np.inf, offsets_m)
         given = self._pairs(stamps_s[known], right[known], known)
         try:
             pairs = align(given, self.of.options.align)
         except UserError:
-            return _Errors(offsets_m, np.inf)
-        offsets_m[known] = pairs.estimate_m - pairs.reference_m
-        return _Errors(offsets_m, float(np.sqrt((pose_error_sizes(pairs).radians ** 2).mean())))
+            return _Errors(offsets_m, np.inf, offsets_m)
+        reference_m = offsets_m.copy()
+        offsets_m[known], reference_m[known] = pairs.estimate_m - pairs.reference_m, pairs.reference_m
+        return _Errors(offsets_m, float(np.sqrt((pose_error_sizes(pairs).radians ** 2).mean())), reference_m)
 
     def _pairs(self, stamps_s: Array, right: NDArray[np.int64], known: NDArray[np.bool_]) -> PosePairs:
         """The reference, interpolated before its rows `right`, and the estimate in those of `rows` that are known."""
@@ -157,7 +193,17 @@ class _Search:
         )
 
 
+def _spread(positions_m: Array) -> float:
+    """Rms distance of positions (n, 3) from their middle."""
+    return _rms(positions_m - positions_m.mean(axis=0))
+
+
+def _rms(offsets_m: Array) -> float:
+    """Rms length of offsets (n, 3) that are known."""
+    known = offsets_m[np.isfinite(offsets_m[:, 0])]
+    return float(np.sqrt((known**2).sum(axis=1).mean()))
+
+
 def _cm(offsets_m: Array) -> str:
     """Rms length of offsets (n, 3)."""
-    known = offsets_m[np.isfinite(offsets_m[:, 0])]
-    return f"{100 * np.sqrt((known**2).sum(axis=1).mean()):.3g} cm"
+    return f"{100 * _rms(offsets_m):.3g} cm"

@@ -50,31 +50,35 @@ def _other_point_m(pairs: PosePairs, align: Alignment) -> Array | None:
     It must explain them far better than another world would, which is moved, turned and scaled. Of an aligned estimate
     the alignment is refined with it.
     """
-    errors_m, n = pairs.estimate_m - pairs.reference_m, len(pairs)
-    middle = pairs.estimate_m - pairs.estimate_m.mean(axis=0)
-    point = np.stack([rotate(pairs.reference_q, np.tile(axis, (n, 1))) for axis in np.eye(3)], axis=2)
-    moved = np.tile(np.eye(3), (n, 1, 1))
-    turned = np.stack([np.cross(axis, middle) for axis in np.eye(3)], axis=2)
-    scaled = middle[:, :, None]
-    refined = [] if align == "none" else [moved, turned] + ([scaled] if align in SCALED else [])
-    found, rest_m = _rest(np.concatenate([point, *refined], axis=2), errors_m)
-    _, otherwise_m = _rest(np.concatenate([moved, turned, scaled], axis=2), errors_m)
+    errors_m = pairs.estimate_m - pairs.reference_m
+    axes = [rotate(pairs.reference_q, np.tile(axis, (len(pairs), 1))) for axis in np.eye(3)]
+    world = world_columns(pairs.estimate_m)
+    refined = world[:, :, : 0 if align == "none" else 7 if align in SCALED else 6]
+    found, rest_m = fitted(np.concatenate([np.stack(axes, axis=2), refined], axis=2), errors_m)
+    otherwise_m = fitted(world, errors_m).rest_m
     told = np.linalg.norm(found[:3]) >= LEAST_M and (rest_m**2).sum() < BETTER**2 * (otherwise_m**2).sum()
     return found[:3] if told else None
 
 
-class _Fit(NamedTuple):
+def world_columns(positions_m: Array) -> Array:
+    """How positions (n, 3) move with their world (n, 3, 7): along its axes, about them, and with its scale."""
+    middle = positions_m - positions_m.mean(axis=0)
+    turned = np.stack([np.cross(axis, middle) for axis in np.eye(3)], axis=2)
+    return np.concatenate([np.tile(np.eye(3), (len(middle), 1, 1)), turned, middle[:, :, None]], axis=2)
+
+
+class Fit(NamedTuple):
     """Factors (k,) of columns, and the rest (n, 3) of errors in m."""
 
     factors: Array
     rest_m: Array
 
 
-def _rest(columns: Array, errors_m: Array) -> _Fit:
+def fitted(columns: Array, errors_m: Array) -> Fit:
     """Least-squares fit of columns (n, 3, k) to errors (n, 3) in m."""
     flat = columns.reshape(-1, columns.shape[2])
     factors = np.asarray(np.linalg.lstsq(flat, errors_m.reshape(-1), rcond=1e-6)[0])
-    return _Fit(factors, errors_m - (flat @ factors).reshape(-1, 3))
+    return Fit(factors, errors_m - (flat @ factors).reshape(-1, 3))
 
 
 def _is_mirrored(pairs: PosePairs) -> bool:
