@@ -77,7 +77,7 @@ class RealImages:
     model: Path | None
     camera: Path | None
     init: Path | None
-    rate_hz: float
+    rate_hz: float | None
 
 
 @click.command("track")
@@ -90,7 +90,7 @@ class RealImages:
 @click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with real images).")
 @click.option("--camera", type=FILE, help="camera.toml (with real images).")
 @click.option("--init", type=FILE, help="init.toml: initial pose, or points to solve it from.")
-@click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
+@click.option("--rate-hz", type=click.FloatRange(0, min_open=True), help="Rate of --images; default 30.")
 def track_command(what: str, **options: Any) -> None:
     """Run the trackers of the suite WHAT, rendering what is missing; or the tracker WHAT on real images."""
     real = RealImages(**{f.name: options.pop(f.name) for f in fields(RealImages)})
@@ -103,6 +103,7 @@ def track_command(what: str, **options: Any) -> None:
 def track_real_images(kind: str, real: RealImages, out: Path | None) -> None:
     """Run a tracker on real images; UserError for missing or mutually exclusive options."""
     from uavbench.bench.runner.commands import track_real
+    from uavbench.tracker.images.track_images import RATE_HZ, refuse_another_rate
     from uavbench.trajectories.bags.reading import BagTopic
 
     given = [source for source in (real.images, real.video, real.bag) if source is not None]
@@ -113,7 +114,9 @@ def track_real_images(kind: str, real: RealImages, out: Path | None) -> None:
     if real.model is None or real.camera is None or real.init is None or out is None:
         raise UserError("tracking real images needs --model, --camera, --init and --out")
     source = BagTopic(real.bag, real.image_topic) if real.bag and real.image_topic else given[0]
-    track_real(kind, source, real.model, real.camera, real.init, out, real.rate_hz)
+    if real.rate_hz is not None:
+        refuse_another_rate(source, real.rate_hz)
+    track_real(kind, source, real.model, real.camera, real.init, out, real.rate_hz or RATE_HZ)
 
 
 @click.command("tables")

@@ -475,6 +475,8 @@ def test_the_rate_of_a_topic_is_that_of_its_images(tmp_path, real):
     done = call("track", "hold", "--bag", bag, "--image-topic", "/image", *real, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / "out" / "record.json").read_text())["rate_hz"] == pytest.approx(20.0)
+    given = ("track", "hold", "--bag", bag, "--image-topic", "/image", *real, "--rate-hz", 40, "--out", tmp_path / "x")
+    assert "20 a second, which --rate-hz 40 does not change; leave it out" in refused(*given)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.image_files import begin_video, finish_video, frame_count, open_video
+from uavbench.tracker.images.track_images import refuse_another_rate
 from uavbench.tracker.images.video_images import VideoImages
 from uavbench.trajectories.errors import UserError
 
@@ -109,3 +110,13 @@ def test_a_folder_with_a_colon_is_no_url(tmp_path, monkeypatch):
     path = Path("x:y/a.mp4")
     finish_video(begin_video(path, "mp4v", 10.0, SIZE), path, 0)
     assert path.is_file()
+
+
+def test_another_rate_than_that_of_a_video_is_refused(tmp_path):
+    """As of slow motion, played at 30 Hz and taken at 120: --rate-hz had been left aside without a word."""
+    path = film(tmp_path / "slow.avi")
+    refuse_another_rate(path, 10.0)
+    refuse_another_rate(path, 9.97)
+    refuse_another_rate(tmp_path, 120.0)
+    with pytest.raises(UserError, match=r"slow\.avi: its images have times of their own, 10 a second, .*passthrough"):
+        refuse_another_rate(path, 120.0)

@@ -37,6 +37,10 @@ SHOWN_HZ = (0.1, 1000.0)
 """Slowest and fastest frame rate of the overlay in Hz; a video's header may claim any, MP4 takes 0.01 to 65535."""
 RATES_HZ = (1e-3, 1e6)
 """Lowest and highest rate of images: their stamps, whole nanoseconds, stay apart and below 2^63."""
+RATE_HZ = 30.0
+"""Rate of the images of a folder unless it is given."""
+SAME_RATE = 0.1
+"""Share by which a rate may differ from that of a video or a topic: it is rounded, or the mean of a variable one."""
 SEED = 0
 """Seed of the tracker's random numbers."""
 
@@ -49,7 +53,7 @@ def track_images(
     camera: Path,
     init: Path,
     out: Path,
-    rate_hz: float = 30.0,
+    rate_hz: float = RATE_HZ,
 ) -> Results:
     """Track the images of a folder, of a video or of a topic of a ROS 2 bag, and write `out`.
 
@@ -152,3 +156,14 @@ def rate_of(source: Path | BagTopic, rate_hz: float) -> float:
     else:
         rate = float(open_video(source).get(cv2.CAP_PROP_FPS))
     return rate if rate > 0 else rate_hz
+
+
+def refuse_another_rate(source: Path | BagTopic, rate_hz: float) -> None:
+    """UserError for a rate in Hz that is not that of a video or of a topic of a bag: their own times are taken."""
+    own_hz = rate_of(source, rate_hz)
+    if abs(own_hz - rate_hz) > SAME_RATE * rate_hz:
+        by = "" if isinstance(source, BagTopic) else f" by `ffmpeg -i {source.name} -fps_mode passthrough DIR/%06d.png`"
+        raise UserError(
+            f"{source}: its images have times of their own, {own_hz:.4g} a second, which --rate-hz {rate_hz:g} does "
+            f"not change; leave it out, or, where these times are wrong, write the images{by}, and give --images DIR"
+        )
