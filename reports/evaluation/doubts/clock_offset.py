@@ -21,6 +21,8 @@ from uavbench.trajectories.trajectory import Trajectory
 COARSE_S: Array = np.linspace(-30, 30, 301)
 FINE_S, MINIMA = (0.02, 2e-3), 5
 """Offsets in s that are tried, and the steps in which the best of them are refined, and how many."""
+WELL_S, NEAR_S = 0.05, 0.2
+"""Motion of the reference, in s, above the errors of position, with which larger offsets than NEAR_S are not sought."""
 RATES_HZ, MOST_TIMES = (5, 10, 12, 15, 20, 24, 25, 30, 50, 60, 90, 100, 120), 6
 """Rates of cameras, of which one may have been taken for another, and how many times it may be the other."""
 LEAST_S = 3e-3
@@ -103,12 +105,19 @@ class _Search:
         """Errors with the stamps as they are."""
         return self.errors(0.0)
 
+    @cached_property
+    def is_well_timed(self) -> bool:
+        """Whether errors of position are smaller than what the reference moves within WELL_S."""
+        moved_m = self.errors(NEAR_S).reference_m - self.still.reference_m
+        known = np.isfinite(moved_m[:, 0])
+        return bool(known.any() and _rms(self.still.offsets_m) < WELL_S / NEAR_S * _rms(moved_m))
+
     def best(self) -> float:
         """Offset in s with the least errors of position, of those that do not make rotations worse; 0 if none is told.
 
         The smallest one counts where several are as good.
         """
-        coarse = self.ratios(COARSE_S)
+        coarse = np.full(len(COARSE_S), np.inf) if self.is_well_timed else self.ratios(COARSE_S)
         around = np.pad(coarse, 1, constant_values=np.inf)
         least = np.flatnonzero((coarse < 1) & (coarse <= around[:-2]) & (coarse <= around[2:]))
         least = least[np.argsort(coarse[least])][:MINIMA]
@@ -132,6 +141,8 @@ class _Search:
 
         It must explain them far better than another world would, of another scale, too, and not make rotations worse.
         """
+        if self.is_well_timed:
+            return 1.0
         factors = sorted({a / b for a in RATES_HZ for b in RATES_HZ if a != b and max(a, b) <= MOST_TIMES * min(a, b)})
         allowed_rad = self.still.rotation_rad + WORSE_RAD
         ratios = np.array([self.ratio(0.0, factor) for factor in factors])

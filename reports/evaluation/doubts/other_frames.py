@@ -1,6 +1,7 @@
 """Whether an estimate is of other moving axes, of another point of the vehicle, or of a mirrored world."""
 
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +12,11 @@ from uavbench.reports.metrics.association import PosePairs
 from uavbench.reports.metrics.quaternions import rotate
 from uavbench.trajectories.pose import Array
 
-LEAST_POSES, LEAST_M = 20, 0.02
-"""Fewest poses of which another point is told, and its least distance in m; below, it is the tracker's own error."""
+LEAST_POSES, POSES, LEAST_M = 20, 5000, 0.02
+"""Fewest poses of which another point is told, most that are looked at, and its least distance in m.
+
+Below, it is the tracker's own error.
+"""
 BETTER = 0.3
 """Errors of position with another point or with a mirror, as a share of those without, below which it is told."""
 IN_MIRROR = 0.1
@@ -35,13 +39,19 @@ def doubts_of_frames(raw: PosePairs, aligned: PosePairs, align: Alignment) -> It
             f"{angle_deg:.0f} degrees in all poses: is one of the camera and the other of the body, or are the axes "
             "others? Convert one, as by --mount"
         )
-    if (point_m := _other_point_m(aligned, align)) is not None:
+    if (point_m := _other_point_m(_thinned(aligned), align)) is not None:
         x, y, z = point_m
         yield (
             f"the positions of the estimate are those of the reference, moved by the same {x:.3f}, {y:.3f}, {z:.3f} m "
             "in the moving axes of the reference: is one of another point of the vehicle, as the camera, the body or "
             "the markers? Convert one, as by --mount"
         )
+
+
+def _thinned(pairs: PosePairs) -> PosePairs:
+    """POSES of the pairs, evenly spread, of more."""
+    rows = np.linspace(0, len(pairs) - 1, min(len(pairs), POSES)).astype(np.int64)
+    return PosePairs(*(getattr(pairs, field.name)[rows] for field in fields(PosePairs)))
 
 
 def _other_point_m(pairs: PosePairs, align: Alignment) -> Array | None:
