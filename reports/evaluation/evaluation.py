@@ -158,7 +158,7 @@ class Evaluation:
         if self.nees:
             lines += self.nees.lines()
         if self.rpe is None:
-            lines.append(f"RPE: the trajectory is too short for a pair interval of {interval}")
+            lines.append(f"RPE: no two matched poses are {interval} apart, as in a trajectory that is too short for it")
         lines += [f"doubt: {doubt}" for doubt in record["doubts"]]
         return "\n".join(lines) + "\n"
 

@@ -411,3 +411,9 @@ def test_other_axes_of_the_camera_and_an_inverted_mount_are_told(tmp_path: Path)
         turned = Trajectory.from_poses(way.stamps_ns.tolist(), [way.pose(k) @ turn for k in range(len(way))])
         said = evaluate_files(truth, written(tmp_path / f"{angle}.tum", turned)).record["doubts"]
         assert len(said) == bool(told) and all(told in line and "--mount inverted?" in line for line in said), said
+
+
+def test_an_interval_between_the_steps_of_a_trajectory_is_not_told_as_too_long() -> None:
+    """Poses are 0.1 s apart: of 0.15 s there is no pair, however long the trajectory is."""
+    said = evaluate_files(circle(), circle(), delta=0.15, unit="s").text()
+    assert "RPE: no two matched poses are 0.15 s apart" in said
