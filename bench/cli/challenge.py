@@ -6,10 +6,9 @@ from pathlib import Path
 import click
 
 from uavbench.bench.cli.cores import jobs_option
+from uavbench.bench.cli.values import FILE
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
-
-FILE = click.Path(path_type=Path)
 
 
 @click.command("pack")

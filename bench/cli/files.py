@@ -6,12 +6,13 @@ from typing import Any
 
 import click
 
+from uavbench.bench.cli.values import FILE
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 
-FILE = click.Path(path_type=Path)
+FILE = FILE
 EXPORTS = ["euroc", "kalibr", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
 
 
@@ -152,8 +153,8 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 
 
 @click.command("evaluate")
-@click.argument("reference", type=click.Path(path_type=Path))
-@click.argument("estimates", type=click.Path(path_type=Path), nargs=-1)
+@click.argument("reference", type=FILE)
+@click.argument("estimates", type=FILE, nargs=-1)
 @click.option("--group", "groups", multiple=True, metavar="NAME=PATTERN", help="Files that are runs of one tracker.")
 @click.option("--out", type=FILE, help="Folder for a page, figures and tables of many runs.")
 @click.option("--align", type=click.Choice(ALIGNMENTS), help="Alignment of the estimate; default: none.")
@@ -169,7 +170,7 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: recognized, and reported.")
 @click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
 @click.option("--ignore-frames", is_flag=True, help="Compare even where the files declare different frames.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
+@click.option("--plot", type=FILE, help="Also draw paths and errors into a .pdf or .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate_command(
     reference: Path,

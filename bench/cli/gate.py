@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from uavbench.bench.cli.cores import jobs_option
+from uavbench.bench.cli.values import FILE
 from uavbench.bench.said import say
 
 if TYPE_CHECKING:
@@ -55,23 +56,23 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
 
 
 @click.command("gate")
-@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("results", type=FILE)
 @click.option(
     "--baseline",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Folder of a run on the same frames, or a file made by --update.",
 )
 @click.option("--update", is_flag=True, help="Write RESULTS as the new baseline file, without comparing.")
 @click.option(
     "--record",
     "history",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="History file that RESULTS are added to, one line per commit.",
 )
 @click.option("--commit", default="", metavar="REF", help="Commit of the line; default: the one checked out.")
 @click.option("--environment", default="", metavar="NAME", help="Name of the machines that share a history.")
 @margin_options
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
+@click.option("--out", type=FILE, help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
 def gate_command(
     results: Path,
     baseline: Path | None,
@@ -112,10 +113,10 @@ def gate_command(
 
 
 @click.command("history")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--margin", default="1%", show_default=True, callback=share, help="Smallest change that is reported.")
 @click.option("--since", default="", metavar="COMMIT", help="Changes before this commit are accepted: no alarm.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the page, figures and forms.")
+@click.option("--out", type=FILE, required=True, help="Folder of the page, figures and forms.")
 def history_command(file: Path, margin: float, since: str, out: Path) -> None:
     """Draw the trends of a history FILE with their change points: exit code 0 without an alarm, 1 with one."""
     from uavbench.reports.history.change_points import LEAST_COMMITS
@@ -137,7 +138,7 @@ def history_command(file: Path, margin: float, since: str, out: Path) -> None:
 
 @click.command("speed")
 @click.option("--only", default="", help="Only benchmarks whose names match this expression of pytest's -k.")
-@click.option("--save", type=click.Path(path_type=Path), help="File for pytest-benchmark's own JSON.")
+@click.option("--save", type=FILE, help="File for pytest-benchmark's own JSON.")
 def speed_command(only: str, save: Path | None) -> None:
     """Run the benchmarks and print their times against the goals."""
     from uavbench.bench.speed.table import speed
@@ -151,7 +152,7 @@ def speed_command(only: str, save: Path | None) -> None:
 @click.option("--suite", default="gate", show_default=True, help="Suite that both versions' trackers run on.")
 @click.option("--repeats", type=click.IntRange(1), default=3, show_default=True, help="Runs of each, for the latency.")
 @jobs_option("Processes that render")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/compare"), show_default=True)
+@click.option("--out", type=FILE, default=Path("out/compare"), show_default=True)
 @margin_options
 def compare_command(
     base_ref: str, head_ref: str, suite: str, repeats: int, jobs: int, out: Path, margins: "Margins"
@@ -172,7 +173,7 @@ def compare_command(
 @click.option("--suite", default="gate", show_default=True, help="Suite that the commits' trackers run on.")
 @click.option("--margin", default="1%", show_default=True, callback=share, help="BAD must be worse by more than this.")
 @jobs_option("Processes that render")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/bisect"), show_default=True)
+@click.option("--out", type=FILE, default=Path("out/bisect"), show_default=True)
 def bisect_command(
     good: str, bad: str, metric: str, tracker: str, suite: str, margin: float, jobs: int, out: Path
 ) -> None:
@@ -187,7 +188,7 @@ def bisect_command(
 @click.option("--tracker", default="robust", show_default=True, help="Label of the suite's tracker that is studied.")
 @click.option("--value", multiple=True, metavar="PATH", help="A value, or a table of them; default: all.")
 @jobs_option()
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for everything.")
+@click.option("--out", type=FILE, required=True, help="Folder for everything.")
 def sensitivity_command(suite: str, tracker: str, value: tuple[str, ...], jobs: int, out: Path) -> None:
     """Halve and double each number of a tracker's config, one at a time, and tabulate success and error."""
     from uavbench.bench.sensitivity.study import study

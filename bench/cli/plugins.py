@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from uavbench.bench.cli.values import FILE
 from uavbench.bench.said import say
 
 
@@ -25,8 +26,8 @@ def schema_command() -> None:
 
 
 @click.command("check")
-@click.argument("tracker", type=click.Path(path_type=Path))
-@click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")
+@click.argument("tracker", type=FILE)
+@click.option("--keep", type=FILE, default=Path("out/check"), help="Folder of a faulty job.")
 @click.option("--isolate", is_flag=True, help="Let the program see only its job folder.")
 def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
     """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""

@@ -8,10 +8,9 @@ from typing import Any
 import click
 
 from uavbench.bench.cli.cores import jobs_option
+from uavbench.bench.cli.values import FILE, filled
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
-
-FILE = click.Path(path_type=Path)
 
 
 def suite_options(command: Any) -> Any:
@@ -19,8 +18,10 @@ def suite_options(command: Any) -> Any:
     for option in (
         click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="Slurm option, named as in submitit."),
         click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
-        click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
-        click.option("--shard", default="", metavar="i/N", help="Every N-th sequence from the i-th on; no report."),
+        click.option("--dask", callback=filled, metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
+        click.option(
+            "--shard", callback=filled, metavar="i/N", help="Every N-th sequence from the i-th on; no report."
+        ),
         click.option("--isolate", is_flag=True, help="External trackers see only their job folder; no other code."),
         click.option("--dry-run", is_flag=True, help="Print the plan, its time and its size; do nothing."),
         jobs_option(),

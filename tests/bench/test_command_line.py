@@ -44,6 +44,23 @@ def test_a_mistake_is_told_with_what_to_name(arguments, told, tmp_path, monkeypa
     assert told in done.output
 
 
+@pytest.mark.parametrize("arguments", [
+    ("score", "SUITE", "--shard", ""),
+    ("score", "SUITE", "--dask", ""),
+    ("score", "SUITE", "--out", ""),
+    ("track", "robust", "--images", "", "--model", "m.obj", "--camera", "c.toml", "--init", "i.toml", "--out", "out"),
+    ("gate", ""),
+])  # fmt: skip
+def test_a_variable_that_is_not_set_is_not_the_current_folder_nor_the_whole_suite(arguments, tmp_path, monkeypatch):
+    suite = small_suite(tmp_path)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    done = uavbench(*(suite if each == "SUITE" else each for each in arguments))
+    assert done.exit_code == 2
+    assert "is empty; is a variable of a script not set?" in " ".join(done.output.split())
+    assert not list((tmp_path / "empty").iterdir())
+
+
 def interrupted(*_, **__):
     raise KeyboardInterrupt
 
