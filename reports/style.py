@@ -28,6 +28,8 @@ TWO_COLUMNS_IN = 7.16
 PNG_DPI = 220
 LONGEST_NAME = 24
 """Characters of a tracker's name beside an axis: 1 in at 7 pt."""
+MOST_TILTED = 6
+"""Most names under a quarter of 7.16 in that do not overlap when tilted; more stand upright."""
 GAP = "\N{HORIZONTAL ELLIPSIS}"
 SHORTEST_LABEL = 12
 """Characters that are left of a label or a title at least."""
@@ -274,12 +276,17 @@ def colour(index: int) -> str:
 def line(index: int, slower: bool = False) -> dict[str, Any]:
     """Line style of the tracker with an index: colour and dashes; thin and pale for a slower rate."""
     weight = {"lw": 0.6, "alpha": 0.6} if slower else {}
-    return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)], **weight}
+    return {"color": colour(index), "linestyle": _of_all(DASHES, index), **weight}
 
 
 def marker(index: int) -> dict[str, Any]:
     """Marker style of the tracker with an index: colour and marker."""
-    return {"color": colour(index), "marker": MARKERS[index % len(MARKERS)], "linestyle": "none"}
+    return {"color": colour(index), "marker": _of_all(MARKERS, index), "linestyle": "none"}
+
+
+def _of_all(styles: Sequence[Any], index: int) -> Any:
+    """The style of an index, another one for each of those that share a colour."""
+    return styles[(index + index // len(COLOURS)) % len(styles)]
 
 
 def dots_where_alone(values: Array) -> dict[str, Any]:

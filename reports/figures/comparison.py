@@ -16,7 +16,7 @@ from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, short_names
+from uavbench.reports.style import GROUND_TRUTH, MOST_TILTED, colour, line, marker, short_names
 
 FILLS: tuple[Any, ...] = ("full", "none", "left", "bottom")
 """Fill styles of the markers of rates, the highest first."""
@@ -49,9 +49,9 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
             rows.append([label, rate, len(group), *means])
     ticks = short_names(labels)
     long = len("".join(ticks)) > SIDE_BY_SIDE
-    turned = 35 if long or len(labels) > 4 else 0
+    turned = 90 if len(labels) > MOST_TILTED else 35 if long or len(labels) > 4 else 0
     for letter, panel, name in zip("abcd", panels, names, strict=True):
-        panel.set_xticks(range(len(labels)), ticks, rotation=turned, ha="right" if long else "center")
+        panel.set_xticks(range(len(labels)), ticks, rotation=turned, ha="right" if long and turned == 35 else "center")
         panel.set_xlim(-0.5, len(labels) - 0.5)
         panel.grid(False, axis="x")
         panel.set_title(f"({letter}) {name}", loc="left", fontsize=7.5)

@@ -12,11 +12,20 @@ from matplotlib.ticker import LogLocator
 
 from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
-from uavbench.reports.many_runs.comparison import Spread, extra
+from uavbench.reports.many_runs.comparison import ROUND_OFF, Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.many_runs.groups import counted
-from uavbench.reports.style import GROUND_TRUTH, colour, dots_where_alone, line, marker, panel_letter, short_names
+from uavbench.reports.style import (
+    GROUND_TRUTH,
+    MOST_TILTED,
+    colour,
+    dots_where_alone,
+    line,
+    marker,
+    panel_letter,
+    short_names,
+)
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
 from uavbench.trajectories.pose import Array
 
@@ -165,18 +174,32 @@ def mean_bar(panel: Axes, at: float, values: Array, index: int) -> None:
 def name_trackers(panel: Axes, names: ListOf[str]) -> None:
     """Label the x axis with the names of the trackers."""
     tilted = len(names) > 3 or max(map(len, names), default=0) > SHORT_NAMES
-    shown = short_names(names)
-    panel.set_xticks(range(len(names)), shown, rotation=35 if tilted else 0, ha="right" if tilted else "center")
+    turned = 90 if len(names) > MOST_TILTED else 35 if tilted else 0
+    panel.set_xticks(range(len(names)), short_names(names), rotation=turned, ha="right" if turned == 35 else "center")
     panel.set_xlim(-0.6, len(names) - 0.4)
     panel.grid(False, axis="x")
 
 
 def fit_scale(panel: Axes, values: Array) -> None:
-    """Scale the y axis from zero, or logarithmically when values (n,) range over a factor of more than WIDE_RANGE."""
+    """Scale the y axis from zero, or logarithmically when values (n,) range over a factor of more than WIDE_RANGE.
+
+    On a logarithmic axis zeros and round-off lie at its lower end.
+    """
     known = values[np.isfinite(values) & (values > 0)]
+    known = known[known > ROUND_OFF * known.max(initial=0.0)]
     if len(known) and known.max() > WIDE_RANGE * known.min():
         logarithmic(panel.yaxis)
         panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
         plain_powers(panel.yaxis)
+        if (values < known.min()).any():
+            panel.set_ylim(float(known.min()) / 2, 1.5 * float(known.max()))
+            _lift(panel, float(known.min()) / 2)
     else:
         panel.set_ylim(0, max(panel.get_ylim()[1], 1.05 * float(known.max())) if len(known) else None)
+
+
+def _lift(panel: Axes, least: float) -> None:
+    """Draw what lies below a value at it, on all axes that share this y axis."""
+    for axes in panel.get_shared_y_axes().get_siblings(panel):
+        for curve in axes.lines:
+            curve.set_ydata(np.maximum(curve.get_ydata(), least))

@@ -4,6 +4,7 @@ import json
 import warnings
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -20,12 +21,13 @@ from uavbench.reports.figures.distributions import draw_error_over_bound
 from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.figures.ranking import draw_critical_difference
 from uavbench.reports.figures.space import draw_error_against_distance, draw_paths
+from uavbench.reports.many_runs.figures import dots, fit_scale, name_trackers
 from uavbench.reports.scoring import attributes
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.runs import ReportEntry, open_runs
 from uavbench.reports.scoring.score import score as score_run
 from uavbench.reports.statistics.bootstrap import Ranks
-from uavbench.reports.style import dots_where_alone, house_style, new_figure
+from uavbench.reports.style import dots_where_alone, house_style, line, marker, new_figure, save_figure
 from uavbench.tracker.protocol import TrackResult
 
 
@@ -117,6 +119,35 @@ def test_an_error_of_zero_is_drawn_on_a_logarithmic_axis(sequence, tmp_path):
     panel = figure.axes[0]
     assert panel.get_ylim()[0] <= panel.lines[0].get_ydata()[0] == LEAST_SHOWN
     assert next(iter(drawn.rows))[3] == 0.0
+
+
+def test_twenty_trackers_have_as_many_lines_and_markers():
+    lines, markers = ({tuple(style(k).items()) for k in range(20)} for style in (line, marker))
+    assert len(lines) == len(markers) == 20
+
+
+@pytest.mark.parametrize("names", [7, 12])
+def test_names_of_many_trackers_do_not_overlap(names, tmp_path):
+    with house_style():
+        figure = new_figure(2.3)
+        panels = figure.subplots(1, 4)
+        for panel in panels:
+            name_trackers(panel, [f"tracker-{k}" for k in range(names)])
+        save_figure(figure, tmp_path / "names")
+        boxes = [label.get_window_extent() for label in panels[0].get_xticklabels()]
+    assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
+
+
+@pytest.mark.parametrize("least", [0.0, 1e-15])
+def test_zeros_and_round_off_lie_at_the_lower_end_of_a_logarithmic_axis(least):
+    """Errors of one tracker that are none, beside those of others from 1 to 100 cm."""
+    panel = new_figure(2.0).subplots()
+    values = np.array([least, 1.0, 100.0])
+    dots(panel, 0, values, 0)
+    fit_scale(panel, values)
+    low, high = panel.get_ylim()
+    assert panel.get_yscale() == "log" and 0.1 < low < 1.0 and high > 100.0
+    assert panel.lines[0].get_ydata().tolist() == [low, 1.0, 100.0]
 
 
 def test_a_long_legend_makes_the_figure_higher_and_leaves_its_panel_room(tmp_path):
