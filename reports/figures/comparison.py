@@ -1,5 +1,6 @@
 """Figures that compare trackers: error and coverage, success curves, accuracy against latency."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from functools import partial
 from pathlib import Path
@@ -81,31 +82,37 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
 
 
 def _draw_runs(
-    panel: Axes, x: float, values: ListOf[float], fill: Any, group: ListOf[ScoredRun], *, least: float
+    panel: Axes, x: float, values: Mapping[str, list[float]], fill: Any, group: ListOf[ScoredRun], *, least: float
 ) -> float | None:
-    """Draw the values of runs and their mean, which is returned, at `least` or above; None without a value."""
+    """Draw the values of runs by flight, at `least` or above, and their mean, which is returned; None without a value.
+
+    It is that of tables: over flights, of the means over seeds.
+    """
     if not values:
         panel.annotate("none", (x, 0.03), xycoords=("data", "axes fraction"), rotation=90, ha="center", fontsize=6)
         return None
-    shown, mean = marker(group[0].colour), float(np.mean(values))
-    if len(values) > 1:
-        panel.plot([x] * len(values), np.maximum(values, least), ".", color=shown["color"], ms=3, mew=0, alpha=0.5)
+    shown, mean = marker(group[0].colour), float(np.mean([np.mean(of_flight) for of_flight in values.values()]))
+    every = [value for of_flight in values.values() for value in of_flight]
+    if len(every) > 1:
+        panel.plot([x] * len(every), np.maximum(every, least), ".", color=shown["color"], ms=3, mew=0, alpha=0.5)
     panel.plot(x, max(mean, least), fillstyle=fill, markerfacecoloralt="white", ms=4, **shown)
     return mean
 
 
-def values_of(group: ListOf[ScoredRun], index: int) -> list[float]:
-    """ATE of position (cm), of rotation (deg), coverage (%) or success (%) of the runs that have one."""
-    values = []
+def values_of(group: ListOf[ScoredRun], index: int) -> dict[str, list[float]]:
+    """ATE of position (cm), of rotation (deg), coverage (%) or success (%) of the runs that have one, by flight."""
+    values: dict[str, list[float]] = {}
     for run in group:
         ate, tracking = run.score.ate["none"], run.score.tracking
-        values.append([
+        value = [
             100 * ate.translation_m.rmse if ate.translation_m else None,
             ate.rotation_deg.rmse if ate.rotation_deg else None,
             100 * tracking.coverage,
             100 * tracking.success,
-        ][index])  # fmt: skip
-    return [value for value in values if value is not None]
+        ][index]
+        if value is not None:
+            values.setdefault(run.score.flight, []).append(value)
+    return values
 
 
 def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:

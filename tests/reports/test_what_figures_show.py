@@ -26,8 +26,10 @@ from uavbench.reports.scoring import attributes
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.runs import ReportEntry, open_runs
 from uavbench.reports.scoring.score import score as score_run
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.statistics.bootstrap import Ranks
 from uavbench.reports.style import dots_where_alone, house_style, line, marker, new_figure, save_figure
+from uavbench.reports.tables.summary_table import summary_table
 from uavbench.tracker.protocol import TrackResult
 
 
@@ -119,6 +121,23 @@ def test_an_error_of_zero_is_drawn_on_a_logarithmic_axis(sequence, tmp_path):
     panel = figure.axes[0]
     assert panel.get_ylim()[0] <= panel.lines[0].get_ydata()[0] == LEAST_SHOWN
     assert next(iter(drawn.rows))[3] == 0.0
+
+
+def test_the_mean_of_a_figure_is_that_of_the_table(sequence, tmp_path):
+    """Of a flight with two seeds and one with one, as where seeds of one repeat each other."""
+    results = results_of(sequence, true_rows(sequence))
+    results.save(tmp_path)
+    score_run(sequence, results).save(tmp_path / "score.json")
+    run = open_runs([ReportEntry(sequence.folder, tmp_path, tmp_path / "score.json")])[0]
+    runs = []
+    for name, seed, error_m in (("near", 0, 0.01), ("near", 1, 0.02), ("far", 0, 0.06)):
+        ate = run.score.ate["none"]
+        ate = replace(ate, translation_m=replace(ate.translation_m, rmse=error_m))
+        where = {"sequence": f"{name}-s{seed}", "seed": seed}
+        runs.append(replace(run, score=replace(run.score, **where, ate={"none": ate})))
+    drawn = draw_accuracy_and_coverage(runs, new_figure(3.0))
+    ((_, (cell,)),) = summary_table(score_frame(each.score.to_json() for each in runs)).select(["ATE position"]).rows
+    assert next(iter(drawn.rows))[3] == pytest.approx(cell.mean) == pytest.approx(3.75)
 
 
 def test_twenty_trackers_have_as_many_lines_and_markers():
