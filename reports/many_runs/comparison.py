@@ -74,7 +74,7 @@ EXTRA = (
 ROUND_OFF = 1e-9
 """Fraction of a metric's largest error below which a value counts as round-off."""
 BOLD = (
-    "Bold: best of its column, ties included; none where it is of a tracker with less than "
+    "Bold: best of its column, ties included; none where a run has no value, or it is of a tracker with less than "
     f"{KEEPS_UP:.0%} of the best coverage."
 )
 """Part of the caption of a table with bold cells."""

@@ -158,6 +158,8 @@ def _caption(
     reasons = dict.fromkeys(cell.why for _, cells in rows for cell in cells if cell.why)
     if reasons:
         text += f"n/a: no interval ({'; '.join(reasons)}). "
+    if any(0 < cell.known < cell.runs for _, cells in rows for cell in cells):
+        text += "(k/n): mean over the k of n runs that have a value, left out of bold; beside it nothing has a *. "
     text += (
         "Bold: best of its column and rate; none where the best value is of a tracker with less than "
         f"{KEEPS_UP:.0%} of the best success there".replace("%", " %")
@@ -207,7 +209,8 @@ def _mark_best(
 ) -> None:
     """Mark the cells of column k that show the best value among those with a value in every run.
 
-    None is marked when all of them are of trackers outside `fit`.
+    None is marked when all of them are of trackers outside `fit`, and none as significant where a rival has a value in
+    some runs only, with which it cannot be compared.
     """
     sign = -1.0 if column.best == "max" else 1.0
     shown = {
@@ -218,8 +221,9 @@ def _mark_best(
     winners = [run for run in shown if shown[run] == min(shown.values())]
     if not fit.intersection(winners):
         return
+    comparable = all(run in shown or not row[k].known for run, row in cells.items())
+    alone = len(winners) == 1 and len(shown) > 1 and comparable
     for run in winners:
-        alone = len(winners) == 1 and len(shown) > 1
         significant = alone and _beats_all(run, {rival: values[rival] for rival in shown})
         cells[run][k] = replace(cells[run][k], best=True, significant=significant)
 

@@ -17,7 +17,7 @@ from uavbench.bench.cli.main import main
 from uavbench.reports.metrics.model_space import ModelSpace
 from uavbench.reports.protocols.restarting import Replay
 from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
-from uavbench.reports.scoring.score import Score
+from uavbench.reports.scoring.score import PoseErrors, Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.tables.columns import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Column
 from uavbench.reports.tables.latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
@@ -126,6 +126,26 @@ def test_a_star_needs_as_many_runs_as_its_test(seeds: int, star: bool) -> None:
     place = [column.head for column in COLUMNS].index("ATE position")
     assert dict(table.rows)["a@15hz"][place].significant == star
     assert ("5 independent runs at most, the test needs 6" in table.caption) != star
+
+
+def test_nothing_has_a_star_beside_a_tracker_without_a_value_in_some_runs() -> None:
+    """`b` has the better mean of the runs in which it is not lost: `a` cannot be said to beat it."""
+    scores = [
+        run(label, cm + 0.01 * seed, seed=seed)
+        for label, cm in (("a", 1.0), ("b", 0.9), ("c", 2))
+        for seed in range(12)
+    ]
+    lost = [
+        replace(each, ate={"none": PoseErrors(translation_m=None, rotation_deg=None)})
+        if (each.label, each.seed) == ("b", 7)
+        else each
+        for each in scores
+    ]
+    place = [column.head for column in COLUMNS].index("ATE position")
+    found = {name: row[place] for name, row in summary_table(lost).rows}
+    assert found["b@15hz"].text.endswith("(11/12)") and found["a@15hz"].best and not found["a@15hz"].significant
+    assert "(k/n): mean over the k of n runs" in summary_table(lost).caption
+    assert "(k/n)" not in summary_table(scores).caption
 
 
 def test_seeds_of_one_flight_are_no_sequences() -> None:
