@@ -146,7 +146,7 @@ def decide(findings: list[Finding]) -> list[Finding]:
     Shares have one half of ALPHA and ratios the other, each corrected by Holm over its own: the exact p of a share is
     limited by the number of runs, and must not have to outweigh all ratios as well.
     """
-    tested = [[f for f in findings if math.isfinite(f.p) and _is_share(f) == share] for share in (True, False)]
+    tested = [[f for f in findings if math.isfinite(f.p) and is_share(f) == share] for share in (True, False)]
     halves = sum(map(bool, tested))
     corrected = {
         id(f): min(1.0, halves * p) for half in tested for f, p in zip(half, holm([f.p for f in half]), strict=True)
@@ -155,7 +155,8 @@ def decide(findings: list[Finding]) -> list[Finding]:
     return [_decided(replace(f, p=corrected[id(f)]), times) if id(f) in corrected else f for f in findings]
 
 
-def _is_share(finding: Finding) -> bool:
+def is_share(finding: Finding) -> bool:
+    """Whether its metric is a share, compared as a difference."""
     return finding.metric in (COVERAGE, SUCCESS)
 
 
@@ -166,7 +167,7 @@ def _decided(finding: Finding, times: int) -> Finding:
     worse = finding.change > finding.margin
     if finding.p <= ALPHA and worse:
         return replace(finding, verdict="fail", reason="worse than the margin")
-    if _is_share(finding):
+    if is_share(finding):
         doubt = f"the loss is above the margin, but may be chance{_more_seeds(finding, times)}" if worse else ""
     else:
         doubt = finding.reason
@@ -279,8 +280,8 @@ def share_finding(run: str, metric: str, values: PairedValues, margin: float) ->
     finding = replace(
         finding,
         change=losses.mean,
-        low=losses.bound(ALPHA),
-        high=losses.bound(1 - ALPHA),
+        low=max(losses.bound(ALPHA), -1.0),
+        high=min(losses.bound(1 - ALPHA), 1.0),
         p=loss_p(*values.sides(lambda x: x)),
     )
     return _too_few(finding) if finding.seeds < MIN_SEEDS else finding

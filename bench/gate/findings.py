@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import asdict
 from pathlib import Path
 
-from uavbench.bench.gate.decision import Finding, Margins, gate, overall
+from uavbench.bench.gate.decision import Finding, Margins, gate, is_share, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
 from uavbench.bench.said import say
@@ -23,6 +23,8 @@ FOOT = (
     "value / baseline - 1. Of coverage and success they are arithmetic: change = value - baseline. A typical change "
     "clips each run's ratio; baseline and value are not defined for it."
 )
+ENOUGH_SEQUENCES = 5
+"""Sequences from which a bootstrap of them is about as wide as it says: see docs/gate.md."""
 VERDICT = "verdict of the gate"
 FILES = ("gate.json", "gate.xml", "gate.md")
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
@@ -85,7 +87,7 @@ def to_text(findings: list[Finding]) -> str:
     rows = [HEADER, *map(cells, findings)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return "\n".join([*lines, "", FOOT, *repeated(findings), f"gate: {overall(findings)}"])
+    return "\n".join([*lines, "", FOOT, *notes(findings), f"gate: {overall(findings)}"])
 
 
 def repeated(findings: list[Finding]) -> list[str]:
@@ -93,12 +95,29 @@ def repeated(findings: list[Finding]) -> list[str]:
     return list(dict.fromkeys(f"{f.run}: {_plain(f.repeats)}" for f in findings if f.repeats))
 
 
+def too_narrow(findings: list[Finding]) -> list[str]:
+    """A line where bounds of errors or latency are those of a bootstrap of few sequences."""
+    few = {
+        f.sequences for f in findings if not is_share(f) and math.isfinite(f.low) and 1 < f.sequences < ENOUGH_SEQUENCES
+    }
+    return [
+        f"over {n} sequences, which tell little of how much sequences differ, the bounds of errors and latency are too "
+        f"narrow, and more fail by chance than the gate allows: give the suite {ENOUGH_SEQUENCES} or more"
+        for n in sorted(few)
+    ]
+
+
+def notes(findings: list[Finding]) -> list[str]:
+    """What to know of the findings, below their table."""
+    return [*too_narrow(findings), *repeated(findings)]
+
+
 def to_markdown(findings: list[Finding]) -> str:
     """Table for a pull request's summary."""
     rows = [HEADER, ["---"] * len(HEADER), *([c.replace("|", "\\|") for c in cells(f)] for f in findings)]
     table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    notes = "\n\n".join([FOOT, *repeated(findings)])
-    return f"## uavbench gate: {overall(findings)}\n\n{table}\n\n{notes}\n"
+    foot = "\n\n".join([FOOT, *notes(findings)])
+    return f"## uavbench gate: {overall(findings)}\n\n{table}\n\n{foot}\n"
 
 
 def to_json(findings: list[Finding], margins: Margins) -> str:
@@ -121,7 +140,7 @@ def to_junit(findings: list[Finding]) -> str:
             ET.SubElement(case, "failure", {"message": _plain(finding.reason)}).text = line
         elif finding.verdict == "inconclusive":
             ET.SubElement(case, "skipped", {"message": _plain(finding.reason)})
-        ET.SubElement(case, "system-out").text = "\n".join([line, *repeated([finding])])
+        ET.SubElement(case, "system-out").text = "\n".join([line, *notes([finding])])
     ET.indent(suites)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suites, encoding="unicode") + "\n"
 

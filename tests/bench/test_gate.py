@@ -13,9 +13,9 @@ from tests.bench.drawn_scores import drawn, summary, write
 from uavbench.bench.cli.gate import share
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.baseline import write_baseline
-from uavbench.bench.gate.decision import Margins, gate, overall
+from uavbench.bench.gate.decision import Margins, gate, overall, share_finding
 from uavbench.bench.gate.findings import HEADER, cells, percent, to_junit, to_markdown, to_text
-from uavbench.bench.gate.paired_scores import read_side
+from uavbench.bench.gate.paired_scores import PairedValues, read_side
 from uavbench.reports.scoring.score import PoseErrors
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.listed import Marker
@@ -403,3 +403,22 @@ def test_the_same_folders_give_the_same_findings(sides):
     folders = sides(lambda rng: drawn(rng))
     first, second = gate(*folders), gate(*folders)
     assert [repr(finding) for finding in first] == [repr(finding) for finding in second]  # no nan equals itself
+
+
+@pytest.mark.parametrize(("sequences", "told"), [(1, False), (2, True), (4, True), (5, False)])
+def test_bounds_of_few_sequences_are_told_to_be_too_narrow(sides, sequences, told):
+    """One sequence has Student's t; with five a bootstrap is about as wide as it says."""
+    findings = gate(*sides(lambda rng: drawn(rng, sequences=sequences), sequences=sequences))
+    for text in (to_text(findings), to_markdown(findings), to_junit(findings)):
+        assert (f"over {sequences} sequences, which tell little" in text) == told
+
+
+@pytest.mark.parametrize("gained", [False, True])
+def test_bounds_of_a_loss_of_coverage_are_shares(gained):
+    """All is lost, or gained, on one sequence of two: a bootstrap reaches further than a loss can."""
+    full, half = (
+        {(name, seed): share for name, share in zip("ab", of, strict=True) for seed in range(5)}
+        for of in ((1.0, 1.0), (0.0, 1.0))
+    )
+    found = share_finding("lsd", "coverage", PairedValues(*((half, full) if gained else (full, half))), 0.01)
+    assert -1.0 <= found.low <= found.change <= found.high <= 1.0
