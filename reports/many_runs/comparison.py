@@ -153,7 +153,7 @@ def decimals_of(values: Array) -> int:
 def _best(many: ManyRuns, column: Column) -> list[str]:
     """The trackers that show the lowest mean of a column of errors, ties included.
 
-    None for one tracker, when runs lack a value, and when all of them have a low coverage.
+    None for one tracker, and when runs lack a value; none of a low coverage.
     """
     means = {name: column.scale * float(values.mean()) for name, values in many.values(column.key).items()}
     if len(means) < 2 or not np.isfinite(list(means.values())).all():
@@ -161,7 +161,7 @@ def _best(many: ManyRuns, column: Column) -> list[str]:
     shown = {name: round(mean, column.decimals) for name, mean in means.items()}
     best = [name for name in shown if shown[name] == min(shown.values())]
     covered = {name: np.mean([run.coverage for run in group]) for name, group in many.groups.items()}
-    return best if any(covered[name] >= KEEPS_UP * max(covered.values()) for name in best) else []
+    return [name for name in best if covered[name] >= KEEPS_UP * max(covered.values())]
 
 
 def _stands(name: str, tested: list[Comparison]) -> bool:

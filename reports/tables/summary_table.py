@@ -209,8 +209,8 @@ def _mark_best(
 ) -> None:
     """Mark the cells of column k that show the best value among those with a value in every run.
 
-    None is marked when all of them are of trackers outside `fit`, and none as significant where a rival has a value in
-    some runs only, with which it cannot be compared.
+    None of a tracker outside `fit` is marked, and none as significant where a rival has a value in some runs only, with
+    which it cannot be compared.
     """
     sign = -1.0 if column.best == "max" else 1.0
     shown = {
@@ -219,11 +219,9 @@ def _mark_best(
         if (mean := row[k].mean) is not None and row[k].known == row[k].runs
     }
     winners = [run for run in shown if shown[run] == min(shown.values())]
-    if not fit.intersection(winners):
-        return
     comparable = all(run in shown or not row[k].known for run, row in cells.items())
     alone = len(winners) == 1 and len(shown) > 1 and comparable
-    for run in winners:
+    for run in fit.intersection(winners):
         significant = alone and _beats_all(run, {rival: values[rival] for rival in shown})
         cells[run][k] = replace(cells[run][k], best=True, significant=significant)
 

@@ -68,6 +68,11 @@ def test_bold_is_the_best_of_its_column_and_rate_or_nothing() -> None:
     assert "**2.50**" in markdown(table) and r"\textbf{2.50}" in latex(table)
 
 
+def test_a_lost_tracker_is_not_bold_beside_a_good_one_that_shows_the_same() -> None:
+    shown = cells(summary_table([run("lost", 1.17, success=0.2), run("good", 1.17), run("fair", 2.0)]), "ATE position")
+    assert [name for name, (_, best) in shown.items() if best] == ["good@15hz"]
+
+
 def test_what_is_shown_alike_is_bold_alike() -> None:
     shown = cells(summary_table([run("a", 1.1701), run("b", 1.1699), run("c", 3.0)]), "ATE position")
     assert shown["a@15hz"] == shown["b@15hz"] == ("1.17", True)
