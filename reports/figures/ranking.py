@@ -14,6 +14,8 @@ from uavbench.reports.style import GROUND_TRUTH, colour, marker, short_names
 
 CHARACTER, RANK_CHARACTERS = 0.0135, 7
 """Width of a character at 7 pt in widths of 3.50 in, and characters of a mean rank beside a name."""
+RANK = 0.04
+"""Width of a rank of two digits with its gap at 7 pt, in widths of 3.50 in."""
 
 
 def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
@@ -36,7 +38,7 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
     panel.set_ylim(-half - 1.7, 2.0)
     panel.axis("off")
     panel.plot([1, k], [0, 0], color=GROUND_TRUTH, lw=0.8)
-    for tick in range(1, k + 1):
+    for tick in range(1, k + 1, int(np.ceil(RANK * (k - 1 + 2 * reach)))):
         panel.plot([tick, tick], [0, 0.15], color=GROUND_TRUTH, lw=0.8)
         panel.text(tick, 0.25, str(tick), ha="center", va="bottom", fontsize=7)
     for place, (name, shown) in enumerate(zip(names, labels, strict=True)):

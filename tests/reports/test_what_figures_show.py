@@ -157,6 +157,20 @@ def test_names_of_many_trackers_do_not_overlap(names, tmp_path):
     assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
 
 
+@pytest.mark.parametrize(("count", "length", "shown"), [(3, 6, 3), (12, 6, 12), (12, 24, 4)])
+def test_ranks_on_the_axis_do_not_overlap(count, length, shown, tmp_path):
+    found = Ranks(
+        mean_ranks={f"{k:02}{'-' * (length - 2)}": k + 1.0 for k in range(count)}, critical_difference=1.0, p=0.01, n=9
+    )
+    with house_style():
+        figure = new_figure(2.0, wide=False)
+        panel = figure.subplots()
+        draw_critical_difference(found, {}, "ATE", panel)
+        save_figure(figure, tmp_path / "ranks")
+        boxes = [each.get_window_extent() for each in panel.texts if each.get_text().isdecimal()]
+    assert len(boxes) == shown and all(left.x1 < right.x0 for left, right in pairwise(boxes))
+
+
 @pytest.mark.parametrize("least", [0.0, 1e-15])
 def test_zeros_and_round_off_lie_at_the_lower_end_of_a_logarithmic_axis(least):
     """Errors of one tracker that are none, beside those of others from 1 to 100 cm."""
