@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast, overload
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.event import trigger_event
 from numba.core.registry import CPUDispatcher
 
 from uavbench.trajectories.kernels.argument_types import argument_types
@@ -49,8 +50,9 @@ class Kernel(CPUDispatcher):
             if not self.load():
                 for kernel in callees(self):
                     kernel.compile(None)
-                for types in self.declared:
-                    self._compile_form(types)
+                if not self.load():  # it may have lacked but one of these
+                    for types in self.declared:
+                        self._compile_form(types)
             code: Any = next(iter(self.overloads.values()))
             return code.entry_point
 
@@ -89,7 +91,8 @@ class Kernel(CPUDispatcher):
         return next(iter(self.for_python.overloads.values())).entry_point
 
     def _compile_form(self, types: tuple[Any, ...]) -> None:
-        with global_compiler_lock:
+        about = {"dispatcher": self, "args": types, "return_type": None}
+        with global_compiler_lock, trigger_event("numba:compile", data=about):
             code = self._compiler.compile(types, None)
             self.add_overload(code)
             self._cache.save_overload(types, code)
