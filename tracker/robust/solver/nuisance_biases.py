@@ -93,6 +93,7 @@ class NuisanceBiases:
         self.config, self.nothing = config, BiasState.unknown(kinds, numbers + sides)
         self.state = BiasState.unknown(kinds, numbers)
         self.known, self.known_of_nothing = known_of(self.state).known, known_of(self.nothing).known
+        self.is_forgotten = False
 
     def offsets(self, rows: Indices, variance_px2: Array, shared_part: float) -> EdgeOffsets:
         """Offsets of edges in view, rows (g,) of the state, with prior variances (g,).
@@ -122,14 +123,16 @@ class NuisanceBiases:
         state.information[:6, :6] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
         spared = explained_by_offsets(state)
         state.vector[:] = spared.vector + (state.information - spared.information)[:, 6:] @ step.to_numbers
-        self.known = known_of(state).known
+        self.known, self.is_forgotten = known_of(state).known, False
 
     def forget(self) -> None:
-        """Forget all frames."""
+        """Forget all frames; at once where that was done, as without patches in every frame."""
+        if self.is_forgotten:
+            return
         for array in (self.state.cross, self.state.offset_information, self.state.offset_vector, self.state.vector):
             array[:] = 0.0
         self.state.information[:] = np.diag(np.repeat([1.0, 0.0], [6, len(self.state.vector) - 6]))
-        self.known = known_of(self.state).known
+        self.known, self.is_forgotten = known_of(self.state).known, True
 
     def learn(self, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, pose: Pose, dt_s: float) -> Array:
         """Add a frame's sums, dt_s after the previous frame, and return the patches' error as a twist (6,).
@@ -138,11 +141,11 @@ class NuisanceBiases:
         """
         new, at = min(1.0, dt_s / self.config.correlation_s), RigidMotion(pose.rotation, pose.translation)
         error = unchecked(take_up)(self.state, edges, sums, to_patches, at, new, self.config.forgotten_part)
-        self.known = error.known
+        self.known, self.is_forgotten = error.known, False
         return error.twist
 
     def follow(self, moved: Array, pose: Pose) -> Array:
         """Follow a change (r,) of the numbers by which edges are located; the patches' error as a twist (6,)."""
         error = unchecked(centre)(self.state, moved, pose.rotation, pose.translation)
-        self.known = error.known
+        self.known, self.is_forgotten = error.known, False
         return error.twist
