@@ -1,5 +1,7 @@
 """`uavbench evaluate` tells of other moving axes and of another point after an alignment, of mirrors and of z down."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -73,3 +75,14 @@ def test_a_plane_has_no_mirror_and_one_attitude_no_other_point(align: str) -> No
     assert told(way(PATH + NOISE_M + [0.1, 0, 0.2], level), align, way(PATH, level)) == ""
     flat = PATH * [1, 1, 0]
     assert "mirror" not in told(way(flat * [1, -1, 1], TURNS), align, way(flat, TURNS))
+
+
+@pytest.mark.parametrize("align", ["none", "se3", "sim3"])
+@pytest.mark.parametrize("size", [0.0, 1e-16, 1e-13, 1e-9])
+def test_round_off_is_no_offset_and_no_mirror(size: float, align: str) -> None:
+    """On a level circle a later pose is an earlier one turned: round-off is left, larger or smaller by chance."""
+    circle = np.column_stack([np.cos(T / 4), np.sin(T / 4), 0 * T])
+    turns = Rotation.from_euler("z", (T / 4)[:, None])
+    for seed, scale in product(range(20), (1.0, 0.01, 0.3) if align == "sim3" else (1.0,)):
+        noise_m = np.random.default_rng(seed).normal(0, size, (len(T), 3))
+        assert told(way(scale * (circle + noise_m), turns), align, way(circle, turns)) == ""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.reports.evaluation.doubts.other_frames import fitted, world_columns
+from uavbench.reports.evaluation.doubts.other_frames import ROUND_OFF, fitted, world_columns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.metrics.align import align
 from uavbench.reports.metrics.ape import pose_error_sizes
@@ -58,6 +58,8 @@ def doubts_of_offset(of: Compared, stamped: bool) -> Iterator[str]:
     if min(len(of.rows), len(of.reference)) < LEAST_POSES:
         return
     search = _Search(of)
+    if search.is_exact:
+        return
     by_s = search.best()
     after, before = search.errors(by_s).offsets_m, search.still.offsets_m
     fit = f"the positions of the estimate would fit to {_cm(after)} in place of {_cm(before)}"
@@ -104,6 +106,13 @@ class _Search:
     def still(self) -> _Errors:
         """Errors with the stamps as they are."""
         return self.errors(0.0)
+
+    @cached_property
+    def is_exact(self) -> bool:
+        """Whether errors of position are round-off, of which an offset on a circle has as little after an alignment."""
+        known = np.isfinite(self.still.reference_m[:, 0])
+        spread_m = _spread(self.still.reference_m[known]) if known.any() else 0.0
+        return _rms(self.still.offsets_m) <= ROUND_OFF * spread_m
 
     @cached_property
     def is_well_timed(self) -> bool:

@@ -19,6 +19,8 @@ Below, it is the tracker's own error.
 """
 BETTER = 0.3
 """Errors of position with another point or with a mirror, as a share of those without, below which it is told."""
+ROUND_OFF = 1e-6
+"""Errors of position, as a share of their spread, up to which they are those of written digits, and tell nothing."""
 IN_MIRROR = 0.1
 """Errors of mirrored positions, as a share of their spread, up to which they are those of the reference."""
 
@@ -101,4 +103,4 @@ def _is_mirrored(pairs: PosePairs) -> bool:
     if np.linalg.det(U) * np.linalg.det(Vt) > 0:
         return False
     mirrored, turned = (np.sqrt(max(2 - 2 * total, 0.0)) for total in (d.sum(), d[0] + d[1] - d[2]))
-    return bool(mirrored < BETTER * turned and mirrored < IN_MIRROR)
+    return bool(mirrored < BETTER * turned and mirrored < IN_MIRROR and turned > ROUND_OFF)
