@@ -194,9 +194,9 @@ def motion_costs(
 
 @inlined(allocates=False)
 def hypotheses_needed(measured: EdgeMeasurements, of: Drawable, x: Array, right_px: float) -> float:
-    """Number of hypotheses of which all but `MISSED` begin with right candidates only, if those of a twist x (6,) are.
+    """Number of hypotheses of which, but for a probability of `MISSED`, one begins with right candidates alone.
 
-    Those within right_px of it are (Hartley & Zisserman 2004, algorithm 4.5).
+    Right are those within right_px of a twist x (6,) (Hartley & Zisserman 2004, algorithm 4.5).
     """
     distance, J = measured.candidates.distance, measured.lines.jacobian
     n, k = distance.shape
