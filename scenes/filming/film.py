@@ -8,7 +8,7 @@ from pathlib import Path
 from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
-from uavbench.scenes.effects.own_images import checked
+from uavbench.scenes.effects.own_images import Seen, checked, same_twice
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.filming.frames import Filming, write_frames
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera
@@ -73,18 +73,22 @@ def with_effects(
 ) -> CameraSimulator:
     """The camera simulator with effects in the order of `EFFECTS`, each with its own random stream per camera.
 
-    Images of effects that are not ours are checked.
+    Images of effects that are not ours are checked, and must be the same in each run.
     """
     of_camera = () if camera == MAIN else ("camera", camera)
     order = list(EFFECTS.values())
     ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
-    seen: dict[str, int] = {}
-    for effect in ranked:
-        name = type(effect).__name__
-        seen[name] = seen.get(name, -1) + 1
-        made = effect.start(source, stream(seed, *of_camera, "effect", name, seen[name]))
-        source = made if type(effect) in order else checked(effect, made, source)
-    return source
+
+    def start(seen: Seen) -> CameraSimulator:
+        found, number = source, dict.fromkeys((type(effect).__name__ for effect in ranked), -1)
+        for effect in ranked:
+            name = type(effect).__name__
+            number[name] += 1
+            made = effect.start(found, stream(seed, *of_camera, "effect", name, number[name]))
+            found = made if type(effect) in order else checked(effect, made, found, seen)
+        return found
+
+    return start(Seen(asked=False)) if all(type(effect) in order for effect in ranked) else same_twice(start)
 
 
 def check_first_view(spec: SequenceSpec, source: CameraSimulator, time_ns: int = 0) -> None:

@@ -30,12 +30,19 @@ Map = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Pinhole image at one instant: square-root coded colour (h, w, 3) BGR, depth (h, w) in metres (0: background)."""
+    """Pinhole image at one instant: square-root coded colour (h, w, 3) BGR, depth (h, w) in metres (0: background).
+
+    Its arrays are read-only: all effects and the annotations of a frame share them.
+    """
 
     color: NDArray[np.uint8]
     depth: NDArray[np.float32]
     instances: NDArray[np.uint8]
     cam_from_world: Pose
+
+    def __post_init__(self) -> None:
+        for array in (self.color, self.depth, self.instances):
+            array.setflags(write=False)
 
 
 class Geometry(NamedTuple):

@@ -1,4 +1,4 @@
-"""Effects of users: an image that is none of linear light is told, and not written as white or black."""
+"""Effects of users: images that are none of linear light, or not those of the seed or of the ground truth, are told."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.filming.film import with_effects
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, ideal_camera
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -25,10 +25,44 @@ class Own:
         return replace(source, image=lambda stamp_ns: self.change(source.image(stamp_ns)))
 
 
-def image_with(change):
+@dataclass(frozen=True)
+class Other:
+    """An effect that gives a simulator with other parts."""
+
+    parts: dict
+
+    def start(self, source, rng):
+        return replace(source, **self.parts)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An effect with a random image of each frame, and noise of the generator that it is given."""
+
+    draw: object
+
+    def start(self, source, rng):
+        drawn = self.draw(rng)
+        return replace(source, image=lambda stamp_ns: source.image(stamp_ns) * next(drawn))
+
+
+class Grey:
+    """A renderer of grey, 2 m away."""
+
+    def color(self, *_):
+        return np.full((12, 16, 3), 100, dtype=np.uint8)
+
+    def geometry(self, *_):
+        return Geometry(np.full((12, 16), 2.0, dtype=np.float32), np.ones((12, 16), dtype=np.uint8))
+
+
+def simulator():
     none = lambda *_: None  # noqa: E731
-    source = CameraSimulator(CAMERA, CAMERA, None, lambda _: Pose.identity(), none, none, lambda _: LIGHT)
-    return with_effects(source, (Own(change),), 0).image(40_000_000)
+    return CameraSimulator(CAMERA, CAMERA, None, lambda _: Pose.identity(), none, none, lambda _: LIGHT)
+
+
+def image_with(change):
+    return with_effects(simulator(), (Own(change),), 0).image(40_000_000)
 
 
 @pytest.mark.parametrize(("change", "told"), [
@@ -59,3 +93,67 @@ def test_an_effect_that_starts_no_simulator_is_told(monkeypatch):
 def test_glare_darkness_noise_and_lost_frames_are_left_alone(change):
     found = image_with(change)
     assert found is None or found.shape == LIGHT.shape
+
+
+@pytest.mark.parametrize(("parts", "told"), [
+    ({"camera": replace(CAMERA, fx=20.0)}, "camera"),
+    ({"pinhole": replace(CAMERA, cx=3.0)}, "pinhole"),
+    ({"lens": np.zeros((12, 16, 2), dtype=np.float32)}, "lens"),
+    ({"cam_from_world": lambda _: Pose.identity()}, "cam_from_world"),
+])  # fmt: skip
+def test_an_effect_of_another_camera_than_that_of_the_ground_truth_is_told(parts, told):
+    with pytest.raises(UserError, match=rf"effect .*:Other: start gives a CameraSimulator of another {told}, and grou"):
+        with_effects(simulator(), (Other(parts),), 0)
+
+
+def test_an_effect_may_have_rows_and_an_equal_camera():
+    same = with_effects(simulator(), (Other({"camera": replace(CAMERA), "row_delay_ns": 1e5}),), 0)
+    assert same.row_delay_ns == 1e5
+
+
+@pytest.mark.parametrize("part", ["color", "depth", "instances"])
+def test_an_effect_cannot_change_what_annotations_are_made_of(part):
+    def blackened(source, stamp_ns):
+        getattr(source.render(stamp_ns), part)[:] = 0
+        return source.image(stamp_ns)
+
+    source = ideal_camera(Grey(), CAMERA, CAMERA, None, lambda _: Pose.identity())
+    camera = with_effects(source, (Other({"image": lambda stamp_ns: blackened(source, stamp_ns)}),), 0)
+    with pytest.raises(ValueError, match="read-only"):
+        camera.image(0)
+    assert (getattr(camera.render(0), part) > 0).all()
+
+
+COUNTED = iter(range(1, 100))
+
+
+def kept(rng):
+    """Numbers that go on where an earlier call ended."""
+    return (1 + 0.1 * number for number in COUNTED)
+
+
+def unseeded(rng):
+    other = np.random.default_rng()
+    return iter(other.random, None)
+
+
+def late(rng):
+    """Random from the second frame on."""
+    yield 1.0
+    yield from unseeded(rng)
+
+
+@pytest.mark.parametrize(("draw", "at_s"), [(kept, "0.000"), (unseeded, "0.000"), (late, "0.100")])
+def test_images_that_are_others_in_each_run_of_a_seed_are_told(draw, at_s):
+    camera = with_effects(simulator(), (Drawn(lambda rng: iter(rng.random, None)), Drawn(draw)), 0)
+    with pytest.raises(UserError, match=rf"effect .*:Drawn: at {at_s} s it gives another image each time; take all"):
+        for number in range(3):
+            camera.image(number * 100_000_000)
+
+
+def test_images_of_the_generator_given_to_an_effect_are_those_of_its_seed():
+    made = [with_effects(simulator(), (Drawn(lambda rng: iter(rng.random, None)),), seed) for seed in (0, 0, 1)]
+    one, same, other = ([camera.image(number * 100_000_000) for number in range(6)] for camera in made)
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+    assert len({float(image[0, 0, 0]) for image in one}) == 6
