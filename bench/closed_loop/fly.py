@@ -9,6 +9,7 @@ from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, Start, TrueState
 from uavbench.bench.closed_loop.eye import CameraInFlight, WayFlown, exposed_after_ns, eye, mount_along
 from uavbench.bench.closed_loop.flight_notes import Notes, mounts_of, unreached_in_flight
+from uavbench.bench.closed_loop.latency import delay_of
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.sensing import Reading, Sensors
 from uavbench.bench.closed_loop.spec import Pilot
@@ -29,7 +30,8 @@ from uavbench.trajectories.sensors.registry import named
 from uavbench.trajectories.sensors.sensor import check_rate, stamps_between
 from uavbench.trajectories.simulation.flight import begin
 from uavbench.trajectories.simulation.simulate import BLOCK, Simulation
-from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS
+from uavbench.trajectories.vehicle.registry import vehicle_of
 
 OnStep = Callable[[int, int], None]
 
@@ -84,7 +86,7 @@ class Loop:
         self.simulation, self.source, self.notes = simulation, camera.source, notes
         self.sensor_names = check_loop(pilot.loop, spec, simulation.steps * STEP_NS / 1e9)
         self.sensors = Sensors(spec, pilot.loop, simulation.steps, scene.obstacles, camera.mount)
-        vehicle = Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount.at_rest))
+        vehicle = vehicle_of(spec.flight.airframe, spec.mount.at_rest)
         self.judge = Judge(pilot.loop.crash, vehicle.radius_m, scene.obstacles)
         self.start_velocity_m_s = simulation.commanded[3:6].copy()
         self.latency_rng = stream(spec.seed, "loop", "latency")
@@ -141,7 +143,7 @@ class Loop:
         self.image, self.samples, self.true_cam_from_world = image, self.sensors.upto(stamp_ns), true_pose
         result = tracker.track(image, stamp_ns, self.samples, expected, true_pose)
         latency = self.pilot.loop.latency
-        answer_ns = stamp_ns + latency.delay_ns(result.stage_ms.get("total", 0.0), self.latency_rng)
+        answer_ns = stamp_ns + delay_of(latency, result.stage_ms.get("total", 0.0), self.latency_rng)
         self.busy_until_ns = answer_ns if latency.occupies else -1
         self.due.append((max(answer_ns, now_ns), stamp_ns, result))
         self.notes.frame(frame, stamp_ns, result, true_pose, self.due[-1][0])

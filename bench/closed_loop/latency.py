@@ -1,10 +1,14 @@
 """Latency models: delay from a frame's stamp until the tracker's result reaches the vehicle's filter."""
 
+import math
+from copy import deepcopy
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from annotated_types import Ge, Gt
+
+from uavbench.trajectories.errors import UserError
 
 MS_NS = 1e6
 """Nanoseconds in a millisecond."""
@@ -66,3 +70,23 @@ class Measured:
 
 LATENCIES: dict[str, type[LatencySpec]] = {"constant": Constant, "lognormal": Lognormal, "measured": Measured}
 """Name -> latency model."""
+
+
+def delay_of(latency: LatencySpec, took_ms: float, rng: np.random.Generator) -> int:
+    """Delay of a result, ns; UserError for a user's latency that is no time, or that differs when it is asked again."""
+    if type(latency) in LATENCIES.values():
+        return latency.delay_ns(took_ms, rng)
+    name = f"latency {type(latency).__module__}:{type(latency).__name__}"
+    if not isinstance(getattr(latency, "occupies", None), bool):
+        raise UserError(f"{name}: needs `occupies: ClassVar[bool]`, whether the tracker is busy for the whole delay")
+    twin = deepcopy(rng)
+    delay: Any = latency.delay_ns(took_ms, rng)
+    again = latency.delay_ns(took_ms, twin)
+    if not isinstance(delay, int | float | np.number) or not 0 <= delay < math.inf:
+        raise UserError(f"{name}: delay_ns gives {delay!r}; it takes nanoseconds, 0 or more")
+    if delay != again:
+        raise UserError(
+            f"{name}: delay_ns gives another delay each time; take all random numbers from the `rng` that it is given, "
+            "and nothing from the clock or an earlier call"
+        )
+    return round(float(delay))

@@ -2,11 +2,13 @@
 
 from bisect import bisect_right
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.scenes.dataset.body import CALIBRATED, GIMBAL, Body, BodySensor, Samples
@@ -24,8 +26,15 @@ from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.gnss import Gnss
-from uavbench.trajectories.sensors.registry import check_sensors, named
-from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, Table, stamps_between
+from uavbench.trajectories.sensors.registry import SENSORS, check_sensors, named
+from uavbench.trajectories.sensors.sensor import (
+    LiveSensorSpec,
+    Reader,
+    SensorSpec,
+    Table,
+    alike,
+    stamps_between,
+)
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 NEVER_NS = 2**63 - 1
@@ -50,7 +59,10 @@ class LiveSensor:
         self.name, self.sensor = name, sensor
         self.stamps = stamps_between(0, (steps - 1) * STEP_NS, sensor.rate_hz)
         self.columns: tuple[str, ...] = tuple(getattr(sensor, "measured", ()))
+        is_ours = type(sensor) in (*SENSORS.values(), GimbalEncoders)
+        twin = None if is_ours else deepcopy(rng)
         self._reader: Reader = sensor.begin(len(self.stamps), obstacles, rng)
+        self._twin: Reader | None = None if twin is None else sensor.begin(len(self.stamps), obstacles, twin)
         self._due_ns: list[int] = self.stamps.tolist()
         self._values = np.empty((len(self.stamps), len(self.columns)))
         self._given = self._done = self.next_ns = 0
@@ -62,9 +74,28 @@ class LiveSensor:
         first, end = self._done, bisect_right(self._due_ns, row * STEP_NS, self._done)
         before = self._due_ns[max(first - 1, 0)] // STEP_NS
         values = self._values[first:end]
-        values[:] = self._reader.read(part(record, before, row), self.stamps[first:end])[:, : len(self.columns)]
+        flown, stamps = part(record, before, row), self.stamps[first:end]
+        found = self._reader.read(flown, stamps)
+        if self._twin is not None:
+            self._check(found, self._twin.read(flown, stamps), stamps)
+        values[:] = found[:, : len(self.columns)]
         self._done, self.next_ns = end, self._due_ns[end] if end < len(self._due_ns) else NEVER_NS
         return [Reading(self.name, self.sensor, self._due_ns[k], self._values[k]) for k in range(first, end)]
+
+    def _check(self, found: Any, again: Any, stamps_ns: NDArray[np.int64]) -> None:
+        """UserError for readings of a user's sensor in flight that are no table, or others when they are read again."""
+        who = f"sensor {self.name}: at {int(stamps_ns[0]) / 1e9:.3f} s `read` of its reader gives"
+        shape = (len(stamps_ns), len(self.columns))
+        if not isinstance(found, np.ndarray) or found.ndim != 2 or len(found) != shape[0] or found.shape[1] < shape[1]:
+            what = found.shape if isinstance(found, np.ndarray) else type(found).__name__
+            raise UserError(f"{who} {what}; it takes numbers {shape}, a row a stamp, the columns of `measured` first")
+        if np.isinf(found[:, : shape[1]]).any():
+            raise UserError(f"{who} infinite numbers; NaN where nothing was measured")
+        if not alike(found, again):
+            raise UserError(
+                f"{who} other readings each time; take all random numbers from the `rng` of `begin`, and nothing from "
+                "the clock or an earlier call"
+            )
 
     def upto(self, stamp_ns: int) -> Samples:
         """Readings up to and including a stamp, without those returned before."""

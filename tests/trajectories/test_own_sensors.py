@@ -1,4 +1,4 @@
-"""Sensors and winds of users: what trackers would not get, or no vehicle can fly in, is told."""
+"""Sensors, winds and airframes of users: what trackers would not get, cannot fly, or is not of the seed, is told."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,10 +7,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from tests.trajectories.scene import BOX
+from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.paths.around import Hover
+from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import measure
 from uavbench.trajectories.sensors.sensor import Table
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.vehicle.airframes import Crazyflie
 from uavbench.trajectories.vehicle.quadrotor import Quadrotor
 from uavbench.trajectories.wind.air import Air, check_air
 
@@ -89,3 +95,71 @@ def test_an_airframe_that_builds_no_text_is_told() -> None:
     nothing: Any = None
     with pytest.raises(UserError, match=r"build of an airframe gives a NoneType; it takes a text in MJCF"):
         Quadrotor.from_mjcf(nothing)
+
+
+def drawn(given: bool, rng: np.random.Generator) -> float:
+    """A number of the generator given to a plug-in, or of numpy's global one."""
+    return float(rng.random() if given else np.random.random())  # noqa: NPY002
+
+
+@dataclass(frozen=True)
+class RandomSensor:
+    """A sensor that measures a random number."""
+
+    given: bool
+    measured: ClassVar[tuple[str, ...]] = ("a_m",)
+
+    def measure(self, flight: Flight, obstacles: Any, rng: np.random.Generator) -> Table:
+        return Table(("a_m",), STAMPS, np.full((len(STAMPS), 1), drawn(self.given, rng)))
+
+
+def test_readings_that_are_others_in_each_run_of_a_seed_are_told() -> None:
+    flight: Any = Flown()
+    obstacles: Any = None
+    with pytest.raises(UserError, match=r"sensors\[0\], RandomSensor: measure gives other readings each time; take"):
+        measure((RandomSensor(given=False),), flight, obstacles, 0)
+    table = measure((RandomSensor(given=True),), flight, obstacles, 0)["RandomSensor"]
+    assert table.values[0, 0] == stream(0, "sensor", "RandomSensor").random()
+
+
+@dataclass(frozen=True)
+class RandomWind:
+    """A wind of a random speed."""
+
+    given: bool
+
+    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+        calm = np.zeros((steps, 3))
+        return Air(calm + 0.1 * drawn(self.given, rng), calm)
+
+
+@dataclass(frozen=True)
+class RandomAirframe:
+    """A vehicle of a random mass."""
+
+    spread: float
+
+    def build(self, mount: Mount) -> str:
+        return Crazyflie(mass_kg=0.027 + self.spread * np.random.random()).build(mount)  # noqa: NPY002
+
+
+def test_a_flight_that_is_another_one_in_each_run_of_a_seed_is_told() -> None:
+    hover = Hover(duration_s=0.1)
+    with pytest.raises(UserError, match="wind RandomWind: start gives another mean_m_s each time; take all random"):
+        fly(FlightSpec(path=hover, wind=RandomWind(given=False)), Mount(), BOX, 0)
+    with pytest.raises(UserError, match=r"airframe .*:RandomAirframe: build gives another vehicle each time"):
+        fly(FlightSpec(path=hover, airframe=RandomAirframe(1e-3)), Mount(), BOX, 0)
+    spec = FlightSpec(path=hover, wind=RandomWind(given=True), airframe=RandomAirframe(0.0))
+    assert fly(spec, Mount(), BOX, 0).winds_m_s[0, 0] == 0.1 * stream(0, "wind").random()
+
+
+@pytest.mark.parametrize(("air", "told"), [
+    (Air([[0.0] * 3] * 10, np.zeros((10, 3))), r"mean_m_s is a list; it takes an array of floats \(10, 3\)"),  # type: ignore[arg-type]
+    (Air(np.zeros((10, 3)), np.zeros((10, 3), dtype=int)), r"turbulence_m_s is of int64; it takes an array of floats"),
+    (Air(np.zeros((10, 3)), np.zeros((10, 3)), np.nan), r"near_gain nan and near_m 1.0 must be finite"),
+    (Air(np.zeros((10, 3)), np.zeros((10, 3)), 1.0, 0.0), r"near_gain 1.0 and near_m 0.0 must be finite"),
+])  # fmt: skip
+def test_a_wind_that_cannot_be_flown_in_is_told(air: Air, told: str) -> None:
+    kind: Any = Flown()
+    with pytest.raises(UserError, match=f"wind Flown: {told}"):
+        check_air(kind, air, 10)

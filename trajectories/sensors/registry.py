@@ -20,6 +20,7 @@ from uavbench.trajectories.sensors.sensor import (
     SensorSpec,
     Table,
     check_rate,
+    check_same,
     check_table,
     stamps_between,
     write_records,
@@ -65,6 +66,7 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "Obstacl
             tables[name] = sensor.measure(flight, obstacles, stream(seed, "sensor", name))
             if type(sensor) not in SENSORS.values():
                 check_table(tables[name], sensor, flight)
+                check_same(tables[name], sensor.measure(flight, obstacles, stream(seed, "sensor", name)))
         except UserError as error:
             raise UserError(f"sensors[{number}], {name}: {error}") from None
     return tables

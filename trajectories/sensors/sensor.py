@@ -68,7 +68,7 @@ class Reader(Protocol):
     """Reads a body sensor in flight."""
 
     def read(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
-        """The next readings (n, k), at these stamps.
+        """The next readings (n, k), at these stamps; the first columns are those of `measured`, in their order.
 
         The flight is a part of the whole one, from the row at or before the last reading's stamp to the row at or after
         the last of these.
@@ -148,6 +148,21 @@ def _sampled_once(flight: Flight, values: Array, stamp_ns: int) -> Array:
     if share in (0, 1):
         return values[[after if share else row]]
     return np.asarray((1 - share) * values[row] + share * values[after])[None]
+
+
+def check_same(table: Table, again: Table) -> None:
+    """UserError for a user's sensor whose second table of one flight and seed is not its first."""
+    same = isinstance(again, Table) and table.columns == again.columns
+    if not (same and np.array_equal(table.stamps_ns, again.stamps_ns) and alike(table.values, again.values)):
+        raise UserError(
+            "measure gives other readings each time; take all random numbers from the `rng` that it is given, and "
+            "nothing from the clock or an earlier call"
+        )
+
+
+def alike(values: Array, again: Array) -> bool:
+    """Whether two arrays are equal, NaN to NaN."""
+    return np.array_equal(values, again, equal_nan=True)
 
 
 def write_table(table: Table, path: Path) -> None:

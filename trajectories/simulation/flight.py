@@ -24,9 +24,8 @@ from uavbench.trajectories.simulation.simulate import Simulation, simulate
 from uavbench.trajectories.vehicle.airframes import Crazyflie
 from uavbench.trajectories.vehicle.geometric_control import Geometric
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S, Quadrotor
-from uavbench.trajectories.vehicle.registry import AirframeSpec
-from uavbench.trajectories.wind.air import check_air
-from uavbench.trajectories.wind.winds import Still, WindSpec
+from uavbench.trajectories.vehicle.registry import AirframeSpec, vehicle_of
+from uavbench.trajectories.wind.winds import Still, WindSpec, air_of
 
 __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
 
@@ -54,7 +53,7 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
     The record begins after a warm-up of some seconds. UserError for a path without clearance or beyond the available
     thrust, a crash, saturated motors, or a camera inside the structure.
     """
-    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    vehicle = vehicle_of(spec.airframe, mount)
     with _told_with_path(spec):
         guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
         if isinstance(guidance, Replay):
@@ -66,7 +65,7 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
 
 def fly_through(simulation: Simulation, spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh) -> Flight:
     """Flight of a simulation from `begin`, flown to its end on the true state; UserError as `fly`."""
-    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    vehicle = vehicle_of(spec.airframe, mount)
     with _told_with_path(spec):
         return _simulated(simulation, spec, mount, obstacles, vehicle)
 
@@ -122,7 +121,7 @@ def begin(
         guidance = plan(spec.path, obstacles, mount, stream(seed, "path"))
         if isinstance(guidance, Replay):
             raise UserError("a recorded motion cannot be flown; choose a planned path")
-    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    vehicle = vehicle_of(spec.airframe, mount)
     return _begin(spec, guidance, vehicle, obstacles, seed, guide)
 
 
@@ -135,8 +134,7 @@ def _begin(
     guide: Callable[[Guidance], Guidance] | None = None,
 ) -> Simulation:
     steps = guidance.warm_up + guidance.steps
-    air = spec.wind.start(steps, STEP_S, stream(seed, "wind"))
-    check_air(spec.wind, air, steps)
+    air = air_of(spec.wind, steps, STEP_S, stream(seed, "wind"))
     if isinstance(guidance, Planned):
         check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
     return Simulation(vehicle, spec.control.gains(), guide(guidance) if guide else guidance, air, obstacles)

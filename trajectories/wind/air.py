@@ -48,12 +48,20 @@ def check_air(kind: WindSpec, air: Air, steps: int) -> None:
     if not isinstance(air, Air):
         raise UserError(f"wind {type(kind).__name__}: start gives a {type(air).__name__}; it takes an Air")
     for name in ("mean_m_s", "turbulence_m_s"):
-        values = np.asarray(getattr(air, name))
+        values = getattr(air, name)
+        if not isinstance(values, np.ndarray) or not np.issubdtype(values.dtype, np.floating):
+            what = f"of {values.dtype}" if isinstance(values, np.ndarray) else f"a {type(values).__name__}"
+            raise UserError(f"wind {type(kind).__name__}: {name} is {what}; it takes an array of floats {(steps, 3)}")
         if values.shape != (steps, 3):
             raise UserError(f"wind {type(kind).__name__}: {name} has the shape {values.shape}, not {(steps, 3)}")
         if not np.isfinite(values).all():
             row = int(np.argwhere(~np.isfinite(values))[0, 0])
             raise UserError(f"wind {type(kind).__name__}: {name} is not finite at step {row}")
+    if not (0 <= air.near_gain < math.inf and 0 < air.near_m < math.inf):
+        raise UserError(
+            f"wind {type(kind).__name__}: near_gain {air.near_gain} and near_m {air.near_m} must be finite, the first "
+            "0 or more, the second above 0"
+        )
 
 
 def downwind(from_deg: float) -> Array:

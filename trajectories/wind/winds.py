@@ -1,5 +1,6 @@
 """Registry of wind models by name, and the models without turbulence."""
 
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -7,11 +8,12 @@ import numpy as np
 from annotated_types import Ge, Gt
 
 from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import read_only
-from uavbench.trajectories.wind.air import Air, WindSpec, downwind
+from uavbench.trajectories.wind.air import Air, WindSpec, check_air, downwind
 from uavbench.trajectories.wind.dryden import Dryden
 
-__all__ = ["WINDS", "Dryden", "Gust", "Steady", "Still", "WindSpec"]
+__all__ = ["WINDS", "Dryden", "Gust", "Steady", "Still", "WindSpec", "air_of"]
 
 
 @dataclass(frozen=True)
@@ -68,3 +70,22 @@ class Gust:
 
 
 WINDS: dict[str, type[WindSpec]] = {"still": Still, "steady": Steady, "gust": Gust, "dryden": Dryden}
+
+
+def air_of(kind: WindSpec, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+    """Air of `steps` steps of step_s seconds; UserError as `check_air`, and for a user's that is another each time.
+
+    One that draws from more than the generator given to it makes another flight in every run of one seed.
+    """
+    if type(kind) in WINDS.values():
+        return kind.start(steps, step_s, rng)
+    air, again = (kind.start(steps, step_s, deepcopy(rng)) for _ in range(2))
+    check_air(kind, air, steps)
+    check_air(kind, again, steps)
+    for name in ("mean_m_s", "turbulence_m_s", "near_gain", "near_m"):
+        if not np.array_equal(getattr(air, name), getattr(again, name)):
+            raise UserError(
+                f"wind {type(kind).__name__}: start gives another {name} each time; take all random numbers from the "
+                "`rng` that it is given, and nothing from the clock or an earlier call"
+            )
+    return air
