@@ -7,6 +7,7 @@ import numpy as np
 from annotated_types import Interval
 
 from uavbench.scenes.renderables import Part
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 Record = dict[str, float | str]
@@ -26,7 +27,7 @@ class Deviation:
     scale_percent is the standard deviation of the scale error along each axis; the fraction displaced_share of the
     pieces is shifted by a normal deviate of displaced_m along each axis; the fraction missing_share is missing; bend_m
     is the deflection at the middle of the longest side (downwards for a structure that is longer than high, otherwise
-    sideways). The largest piece is neither displaced nor missing.
+    sideways). The largest piece is neither displaced nor missing, nor is one without a name.
     """
 
     scale_percent: Annotated[float, Interval(ge=0, le=20)] = 0.0
@@ -36,12 +37,21 @@ class Deviation:
     bend_m: Annotated[float, Interval(ge=-10, le=10)] = 0.0
 
     def apply(self, parts: tuple[Part, ...], bounds: Array, rng: np.random.Generator) -> AsBuilt:
-        """Parts with the deviations applied; bounds (2, 3) of the structure as designed, world frame, metres."""
+        """Parts with the deviations applied; bounds (2, 3) of the structure as designed, world frame, metres.
+
+        UserError for a share of the pieces of a structure that has none.
+        """
         record: Record = {}
         draws = rng.random((len(parts), 2))
         shifts = self.displaced_m * rng.standard_normal((len(parts), 3))
         factors = 1 + self.scale_percent / 100 * rng.standard_normal(3)
         largest = int(np.argmax([np.ptp(part.vertices, axis=0).max() for part in parts]))
+        for key in ("displaced_share", "missing_share"):
+            if getattr(self, key) and not any(part.name for k, part in enumerate(parts) if k != largest):
+                raise UserError(
+                    f"deviation.{key} {getattr(self, key):g}: the structure has no pieces beside its largest one, of "
+                    "which some could be; leave it out, or choose scale_percent or bend_m"
+                )
         out: list[Part] = []
         for k, part in enumerate(parts):
             label = f"{part.name or 'piece'} #{k}"

@@ -103,6 +103,13 @@ def test_deviations_are_seeded_recorded_and_as_large_as_asked() -> None:
     assert {"scale_x", "scale_y", "scale_z", "bend_m"} <= set(record)
 
 
+@pytest.mark.parametrize("key", ["displaced_share", "missing_share"])
+def test_a_share_of_the_pieces_of_a_structure_that_has_none_is_told(key: str) -> None:
+    built, deviation = Box().build(rng()), Deviation(**{key: 0.3})
+    with pytest.raises(UserError, match=rf"deviation\.{key} 0\.3: the structure has no pieces beside its largest one"):
+        deviation.apply(built.parts, built.structure.bounds, rng())
+
+
 def test_no_deviation_changes_nothing() -> None:
     built = Box().build(rng())
     parts, record = Deviation().apply(built.parts, built.structure.bounds, rng())
