@@ -1,6 +1,7 @@
 """Step 3, initialization: a known pose, PnP on picked points (Haralick & Shapiro 1992), or a coarse guess."""
 
 import sys
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Protocol
@@ -117,6 +118,36 @@ INITIALIZATIONS: dict[str, type[Initialization]] = {
     "coarse-guess": CoarseGuess,
 }
 """Name -> source of the initial pose."""
+
+
+def initial_pose_of(
+    start: Initialization,
+    structure: Structure,
+    camera: Camera,
+    true_cam_from_world: Pose,
+    image: Image,
+    rng: np.random.Generator,
+) -> Pose:
+    """cam_from_world of a source on the first image; UserError for a user's that is no Pose, or another each time.
+
+    A source that draws from more than the generator given to it starts each tracker elsewhere.
+    """
+    if type(start) in INITIALIZATIONS.values():
+        return start.initial_pose(structure, camera, true_cam_from_world, image, rng)
+    poses: list[object] = [
+        start.initial_pose(structure, camera, true_cam_from_world, image.copy(), deepcopy(rng)) for _ in range(2)
+    ]
+    name = f"start {type(start).__module__}:{type(start).__name__}"
+    for pose in poses:
+        if not isinstance(pose, Pose):
+            raise UserError(f"{name}: initial_pose gives a {type(pose).__name__}; it takes a Pose, cam_from_world")
+    found, again = (pose for pose in poses if isinstance(pose, Pose))
+    if not np.array_equal(found.matrix, again.matrix):
+        raise UserError(
+            f"{name}: initial_pose gives another pose each time; take all random numbers from the `rng` that it is "
+            "given, and nothing from the clock or an earlier call"
+        )
+    return found
 
 
 def pose_from_points(points_m: Array, pixels: Array, camera: Camera) -> Pose:

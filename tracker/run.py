@@ -18,7 +18,7 @@ from uavbench.scenes.dataset.body import Body, Feed, Samples, body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.faults import checked, fault_message, is_ours
-from uavbench.tracker.initialization import Initialization, Known
+from uavbench.tracker.initialization import Initialization, Known, initial_pose_of
 from uavbench.tracker.protocol import Image, Prediction, Run, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import Results, cam_from_evaluated
@@ -136,7 +136,8 @@ def initial_pose(start: Initialization, sequence: Sequence, frame: int, seed: in
     """cam_from_world with which a tracker is started at a frame of a sequence."""
     names = ("initialization",) if frame == 0 else ("initialization", str(frame))
     pose = sequence.true_cam_from_world(frame) if frame else sequence.initial_cam_from_world
-    return start.initial_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
+    rng = stream(seed, *names)
+    return initial_pose_of(start, sequence.structure, sequence.camera, pose, sequence.image(frame), rng)
 
 
 class TrackedFrame(NamedTuple):

@@ -21,6 +21,7 @@ from uavbench.scenes.renderables import Confines
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.initialization import initial_pose_of
 from uavbench.tracker.protocol import Image, TrackResult
 from uavbench.tracker.run import own_copy, started, tracker_stream
 from uavbench.trajectories.kernels.warm_up import prepare
@@ -154,9 +155,8 @@ class Loop:
         """Start tracker and filter at the first frame."""
         spec, pilot, camera = self.spec, self.pilot, self.source.camera
         structure, seed = self.scene.built.structure, spec.seed
-        pose = pilot.start.initial_pose(
-            structure, camera, self.source.cam_from_world(0), first, stream(seed, "initialization")
-        )
+        pose, rng = self.source.cam_from_world(0), stream(seed, "initialization")
+        pose = initial_pose_of(pilot.start, structure, camera, pose, first, rng)
         rng = tracker_stream(pilot.tracker, seed)
         run: Any = pilot.tracker
         if not isinstance(run, GroundTruth):
