@@ -25,7 +25,7 @@ from uavbench.trajectories.gimbal.encoder import Encoder
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.gimbal.pointing import Axes
 from uavbench.trajectories.pose import Array, Pose
-from uavbench.trajectories.sensors.registry import SENSORS
+from uavbench.trajectories.sensors.registry import NAME, SENSORS, SEQUENCE_FILES
 
 OF_THE_SCENE = frozenset({"reflectance"})
 """Parameters of a sensor model that describe the scene and are in no data sheet."""
@@ -35,11 +35,8 @@ CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind)
 """Parameters of a sensor that trackers may use: rates, noise, ranges and positions on the body."""
 GIMBAL = "gimbal"
 """Kind of the encoders of a gimbal, and name of those of the main camera's."""
-RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses", "mounts"})
-"""Names of CSV files of a sequence other than readings."""
 TRUTH = "_truth"
 """End of the name of a file that holds the ground truth of readings (`sensors.registry.write_flight`)."""
-NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +161,7 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
-        if path.stem in RESERVED or (path.name not in sensors and path.stem.endswith(TRUTH)):
+        if path.stem in SEQUENCE_FILES or (path.name not in sensors and path.stem.endswith(TRUTH)):
             continue
         if path.name not in sensors and not known and (near := _kind_meant(path)):
             raise UserError(

@@ -68,6 +68,9 @@ def test_readings_that_are_for_no_tracker_are_taken_as_they_are(monkeypatch: pyt
     (lambda t: Table(t.columns, t.stamps_ns + 10**12, t.values), r"its stamps, 1000000000000 to .* not within the fli"),
     (lambda t: None, r"measure gives a NoneType; it takes a Table"),
     (lambda t: Table(("x", "y"), t.stamps_ns, t.values), r"its class names a_m in `measured`, and its table has x, y"),
+    (lambda t: Table(("a_m", "a_m"), t.stamps_ns, t.values), r"its table has the column 'a_m'; columns have letters"),
+    (lambda t: Table(("a_m", "b, m"), t.stamps_ns, t.values), r"its table has the column 'b, m'; columns have letters"),
+    (lambda t: Table(("stamp_ns", "b_m"), t.stamps_ns, t.values), r"its table has the column 'stamp_ns'; columns have"),
     (lambda t: Table(t.columns, t.stamps_ns, t.values / 0.0), r"row 0: a_m is infinite; NaN where nothing was measure"),
 ])  # fmt: skip
 def test_readings_that_no_tracker_would_get_are_told(change: Callable[[Table], Table], told: str) -> None:
@@ -163,3 +166,22 @@ def test_a_wind_that_cannot_be_flown_in_is_told(air: Air, told: str) -> None:
     kind: Any = Flown()
     with pytest.raises(UserError, match=f"wind Flown: {told}"):
         check_air(kind, air, 10)
+
+
+@pytest.mark.parametrize(
+    "name", ["flight", "frames", "groundtruth", "edges", "crlb", "gimbal", "camera", "path", "Höhe"]
+)
+def test_a_sensor_whose_file_would_be_another_one_is_told(name: str) -> None:
+    """As that of a class `flight`, which had replaced the ground truth of the flight."""
+    kind = dataclass(frozen=True)(type(name, (Own,), {}))
+    flight: Any = Flown()
+    obstacles: Any = None
+    table = Table(("a_m", "b_m"), STAMPS, VALUES)
+    with pytest.raises(UserError, match=rf"sensors\[0\], {name}: its name, .* rename the class"):
+        measure((kind(table),), flight, obstacles, 0)
+
+
+def test_a_text_in_place_of_the_names_of_columns_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Own, "measured", "a_m")
+    with pytest.raises(UserError, match=r"its class has `measured = 'a_m'`, a text; give a tuple, \(\"a_m\",\)"):
+        measured(Table(("a_m",), STAMPS, VALUES[:, :1]))

@@ -1,5 +1,6 @@
 """Registry of body sensors by name, and the files of a flight: its record and the sensors' measurements."""
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,15 @@ if TYPE_CHECKING:
 
 FLIGHT_RATE_HZ = 100.0
 """Rate of flight.csv: every fifth row of the record."""
+NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
+"""Name of a sensor, which is that of its file."""
+SEQUENCE_FILES = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses", "mounts"})
+"""Names of files of a sequence other than readings."""
+TAKEN = SEQUENCE_FILES | {
+    *("row_mounts", "gimbal", "camera"),
+    *("path", "plan", "plan_mounts", "answers", "innovations", "times"),  # of a flight in closed loop
+}
+"""Names that no sensor can have: those of other files, and what stands for the camera and its mount."""
 
 
 def flight_table(flight: Flight) -> Table:
@@ -75,9 +85,15 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "Obstacl
 def check_sensors(sensors: tuple[SensorSpec, ...], flown_ns: int) -> None:
     """UserError naming the sensor of which a flight of a duration in ns has one reading, or more than a table may have.
 
-    It needs no memory for the readings. A sensor without `rate_hz` has its own rate.
+    And of a user's sensor whose name is that of another file, or none of a file. It needs no memory for the readings. A
+    sensor without `rate_hz` has its own rate.
     """
     for number, (name, sensor) in enumerate(named(sensors).items()):
+        if name in TAKEN or not NAME.fullmatch(name):
+            why = "is taken by another file or by the camera" if name in TAKEN else "takes letters, digits and _ only"
+            raise UserError(
+                f"sensors[{number}], {name}: its name, that of its class and of its file, {why}; rename the class"
+            )
         if not hasattr(sensor, "rate_hz"):
             continue
         rate_hz = float(sensor.rate_hz)

@@ -1,6 +1,7 @@
 """Interface of body sensors: parameters, and `measure`, from a flight to a table of measurements."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,6 +18,10 @@ from uavbench.trajectories.pose import Array, read_only
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
+
+
+COLUMN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+"""Name of a column, which a CSV file and an array of records can have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,12 +192,20 @@ def write_records(table: Table, columns: tuple[str, ...], path: Path) -> None:
 def check_table(table: Table, sensor: SensorSpec, flight: Flight) -> None:
     """UserError for readings of a user's sensor that no tracker would get, by their stamps, columns or values.
 
-    Only what trackers are to get is checked: the columns that its class names in `measured`, if any. A sensor that
-    finds nothing during a whole flight, as a beacon out of reach, has no readings.
+    Of values and stamps only what trackers are to get is checked: the columns that its class names in `measured`, if
+    any. A sensor that finds nothing during a whole flight, as a beacon out of reach, has no readings.
     """
     if not isinstance(table, Table):
         raise UserError(f"measure gives a {type(table).__name__}; it takes a Table")
-    measured, stamps = tuple(getattr(sensor, "measured", ())), table.stamps_ns
+    for i, name in enumerate(table.columns):
+        if not isinstance(name, str) or not COLUMN.fullmatch(name) or name in ("stamp_ns", *table.columns[:i]):
+            raise UserError(
+                f"its table has the column {name!r}; columns have letters, digits and _, each its own name, and "
+                "stamp_ns is that of the stamps"
+            )
+    if isinstance(measured := getattr(sensor, "measured", ()), str):
+        raise UserError(f'its class has `measured = {measured!r}`, a text; give a tuple, ("{measured}",)')
+    measured, stamps = tuple(measured), table.stamps_ns
     if not measured or not len(stamps):
         return
     first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
