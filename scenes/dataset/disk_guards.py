@@ -9,13 +9,23 @@ from uavbench.trajectories.errors import NO_SPACE, DiskError, UserError
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn a disk error while writing `folder` (full, read-only, no permission) into a UserError or DiskError."""
+    """Turn a disk error while writing `folder` (full, read-only, no permission) into a UserError or DiskError.
+
+    One of a file elsewhere, as of a missing one that a user's effect reads, names that file.
+    """
     try:
         yield
     except OSError as error:
+        if _is_elsewhere(error.filename, folder):
+            raise DiskError.of(error, f"{error.filename}: {error.strerror}; check this path") from None
         advice = "free space or choose another folder" if error.errno in NO_SPACE else "choose another folder"
         why = f"{folder}: cannot be written: {error.strerror or error}; {advice}"
         raise DiskError.of(error, why) from None
+
+
+def _is_elsewhere(name: object, folder: Path) -> bool:
+    """Whether the file of an error is neither in a folder nor beside it, where the folder is made."""
+    return isinstance(name, str) and not Path(name).absolute().is_relative_to(folder.absolute().parent)
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -68,6 +68,15 @@ def test_space_is_to_be_freed_where_there_is_none_and_not_where_a_right_is_missi
     assert ("free space" in str(told.value)) == frees
 
 
+def test_a_missing_file_elsewhere_is_told_by_its_own_name(tmp_path):
+    """As one that a user's effect reads: the folder that was written had been told."""
+    folder, table = tmp_path / "out" / "box-s0", tmp_path / "gains.npy"
+    with pytest.raises(UserError, match=r"gains\.npy: No such file or directory; check"), disk_errors(folder):
+        table.read_bytes()
+    with pytest.raises(UserError, match="box-s0: cannot be written: No such file"), disk_errors(folder):
+        (folder / "frames.csv").read_bytes()
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
 @pytest.mark.parametrize("command", ["export", "track"])
 def test_a_disk_that_fails_at_any_moment_is_told_and_nothing_is_left(tmp_path, monkeypatch, command, number):
