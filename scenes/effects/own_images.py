@@ -4,7 +4,8 @@ No file tells this later.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from copy import copy, deepcopy
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,15 @@ def _compare(one: Seen, other: Seen, stamp_ns: int) -> None:
 
 def _same(image: Radiance, second: Radiance) -> bool:
     return image.dtype == second.dtype and np.array_equal(image, second)
+
+
+def own_copy(effect: Any) -> Any:
+    """The effect with parameters of its own: what a start writes to them reaches no other camera and no other run."""
+    own = copy(effect)
+    for each in fields(effect):
+        if each.init:
+            object.__setattr__(own, each.name, deepcopy(getattr(effect, each.name)))
+    return own
 
 
 def checked(effect: object, source: CameraSimulator, camera: CameraSimulator, seen: Seen) -> CameraSimulator:

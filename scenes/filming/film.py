@@ -8,7 +8,7 @@ from pathlib import Path
 from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
-from uavbench.scenes.effects.own_images import Seen, checked, same_twice
+from uavbench.scenes.effects.own_images import Seen, checked, own_copy, same_twice
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.filming.frames import Filming, write_frames
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera
@@ -84,8 +84,11 @@ def with_effects(
         for effect in ranked:
             name = type(effect).__name__
             number[name] += 1
-            made = effect.start(found, stream(seed, *of_camera, "effect", name, number[name]))
-            found = made if type(effect) in order else checked(effect, made, found, seen)
+            rng = stream(seed, *of_camera, "effect", name, number[name])
+            if type(effect) in order:
+                found = effect.start(found, rng)
+            else:
+                found = checked(effect, own_copy(effect).start(found, rng), found, seen)
         return found
 
     return start(Seen(asked=False)) if all(type(effect) in order for effect in ranked) else same_twice(start)

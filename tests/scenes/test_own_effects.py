@@ -157,3 +157,22 @@ def test_images_of_the_generator_given_to_an_effect_are_those_of_its_seed():
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)
     assert len({float(image[0, 0, 0]) for image in one}) == 6
+
+
+@dataclass
+class Fading:
+    """An effect that writes to its parameters, and is darker at each start."""
+
+    gain: float = 1.0
+
+    def start(self, source, rng):
+        self.gain *= 0.5
+        return replace(source, image=lambda stamp_ns: source.image(stamp_ns) * np.float32(self.gain))
+
+
+def test_what_an_effect_writes_to_its_parameters_reaches_no_other_camera():
+    effect = Fading()
+    for camera in ("camera", "right"):
+        image = with_effects(simulator(), (effect,), 0, camera).image(0)
+        np.testing.assert_array_equal(image, LIGHT / 2)
+    assert effect == Fading()
