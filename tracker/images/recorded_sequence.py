@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol
 
 import cv2
 import numpy as np
@@ -153,7 +153,7 @@ def record(
     UserError when a file is missing, an image cannot be read, or the folder holds anything other than a sequence.
     """
     refuse_foreign(folder, RECORDED)
-    recording = spec.source.find()
+    recording = recording_of(spec.source)
     place, levels, repeated = recording.images[0].parent, BlackImages(), RepeatedImages()
     with disk_errors(folder), new_folder(folder, RECORDED) as new:
         (new / "frames").mkdir()
@@ -193,6 +193,30 @@ def record(
         }
         write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
         write_manifest(new)
+
+
+def recording_of(source: RecordingSource) -> Recording:
+    """The recording of a source; UserError for a user's that is none, without images, or others each time."""
+    if type(source) in RECORDINGS.values():
+        return source.find()
+    name = f"recording {type(source).__module__}:{type(source).__name__}"
+    found, again = source.find(), source.find()
+    several: tuple[Any, ...] = (found, again)
+    for each in several:
+        if not isinstance(each, Recording):
+            raise UserError(f"{name}: find gives a {type(each).__name__}; it takes a Recording")
+    kinds = {"camera": Camera, "structure": Structure, "initial_cam_from_world": Pose}
+    for key, kind in kinds.items():
+        if not isinstance(given := getattr(found, key), kind):
+            raise UserError(f"{name}: its {key} is a {type(given).__name__}; it takes a {kind.__name__}")
+    if not found.images or not all(isinstance(image, Path) for image in found.images):
+        raise UserError(f"{name}: its images are no paths of files; it takes a tuple of one Path or more, in order")
+    same = np.array_equal(found.initial_cam_from_world.matrix, again.initial_cam_from_world.matrix)
+    if tuple(found.images) != tuple(again.images) or found.camera != again.camera or not same:
+        raise UserError(
+            f"{name}: find gives another recording each time; take images in a fixed order, as of their names"
+        )
+    return found
 
 
 def images_in(folder: Path) -> tuple[Path, ...]:
