@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from uavbench.reports.evaluation.doubts.clock_offset import Compared, doubts_of_offset
 from uavbench.reports.evaluation.doubts.other_frames import doubts_of_frames
 from uavbench.reports.evaluation.doubts.plausibility import doubts, doubts_of_stamps
-from uavbench.reports.evaluation.gaps import longest_step_ns
+from uavbench.reports.evaluation.gaps import longest_step_ns, usual_step_ns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
-from uavbench.reports.metrics.ape import error_table, pose_error_sizes
+from uavbench.reports.metrics.ape import ErrorSizes, error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs, match, one_to_one, paired
-from uavbench.reports.metrics.rpe import interval_pairs, motion_error_sizes
+from uavbench.reports.metrics.rpe import RowPairs, interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM, Consistency
@@ -76,6 +76,14 @@ def _shown(found: Consistency | None) -> str:
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionErrors:
+    """Relative errors of intervals: rows (k,) of the pairs of poses at their ends, and sizes (k,)."""
+
+    rows: RowPairs
+    sizes: ErrorSizes
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
     """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one pair interval.
@@ -83,6 +91,7 @@ class Evaluation:
     coverage: matched poses over the tracker's frames that the reference has poses for; where these are not known, over
     the number of poses that the sparser of the two trajectories would have over the reference's time span. nees:
     consistency of the estimate's covariances, if it has any. longest_step_ns: of two poses without a gap between them.
+    motions: the errors that `rpe` summarizes.
     """
 
     ate: dict[str, ErrorSummary]
@@ -93,6 +102,7 @@ class Evaluation:
     pairs: PosePairs
     nees: "ClaimedNees | None" = None
     longest_step_ns: float = np.inf
+    motions: "MotionErrors | None" = None
 
     def frames(self) -> "DataFrame":
         """One row per pair of poses, with the aligned estimate.
@@ -197,7 +207,8 @@ def evaluate(
     interval = options.interval
     i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
-    motion_m, turn_rad = motion_error_sizes(pairs, i, j)
+    sizes = motion_error_sizes(pairs, i, j)
+    motion_m, turn_rad = sizes
     lengths: tuple[float, ...] = ()
     if options.segments != "none":
         lengths = KITTI_LENGTHS_M if options.segments == "kitti" else rpg_lengths(pairs.reference_m)
@@ -240,6 +251,7 @@ def evaluate(
         pairs=pairs,
         nees=None if claimed is None else ClaimedNees.of(raw, claimed.of_rows(rows.estimate), found),
         longest_step_ns=longest_step_ns(pairs.stamps_ns, asked_ns),
+        motions=MotionErrors(rows=RowPairs(i, j), sizes=sizes) if len(i) else None,
     )
 
 
@@ -260,12 +272,9 @@ def coverage(pairs: PosePairs, expected: int) -> float:
 def expected_poses(reference: Trajectory, estimate: Trajectory) -> int:
     """Number of poses of the sparser trajectory, at its rate, over the reference's span.
 
-    The estimate's period is the median of its short steps, those of less than 1.5 times their lower quartile: the
-    others span frames without a pose.
+    The estimate's period is that of its short steps, as the others span frames without a pose.
     """
     if len(reference) < 2 or len(estimate) < 2:
         return len(reference)
     span_s = float(reference.stamps_ns[-1] - reference.stamps_ns[0]) / NS
-    steps_s = np.diff(estimate.stamps_ns) / NS
-    period_s = float(np.median(steps_s[steps_s < 1.5 * np.quantile(steps_s, 0.25)]))
-    return min(len(reference), round(span_s / period_s) + 1)
+    return min(len(reference), round(span_s / (usual_step_ns(estimate.stamps_ns) / NS)) + 1)

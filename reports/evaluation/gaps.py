@@ -23,6 +23,18 @@ def longest_step_ns(stamps_ns: NDArray[np.int64], asked_ns: NDArray[np.int64] | 
     return LOST_FRAMES * max(float(np.median(np.diff(asked_ns))), float(steps_ns.min()))
 
 
+def usual_step_ns(stamps_ns: NDArray[np.int64]) -> float:
+    """Period in ns of poses (n,): the median of their short steps, of less than 1.5 times the lower quartile of all.
+
+    The others span frames without a pose. Infinite for fewer than two poses.
+    """
+    steps_ns = np.diff(stamps_ns)
+    steps_ns = steps_ns[steps_ns > 0]  # several poses may match one of the reference
+    if not len(steps_ns):
+        return np.inf
+    return float(np.median(steps_ns[steps_ns < 1.5 * np.quantile(steps_ns, 0.25)]))
+
+
 def with_gaps(values: Array, stamps_ns: NDArray[np.int64], longest_ns: float) -> Array:
     """Values (n, ...) of poses with a row of NaN in each gap, where a line through them ends."""
     before = 1 + np.flatnonzero(np.diff(stamps_ns) > longest_ns)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, Many
 from uavbench.reports.statistics.bootstrap import (
     Comparison,
     Interval,
-    compare_pairs,
+    compare_each,
     hierarchical_interval,
     least_units,
 )
@@ -53,10 +54,26 @@ class Spread:
 def comparisons(many: ManyRuns) -> dict[str, list[Comparison]]:
     """Every pair of trackers by each of METRICS (m, deg) on the paired runs, p adjusted by Holm over the pairs.
 
-    Metrics without a value for every paired run are left out; empty when no runs are paired.
+    Each pair is compared over the frames that both have: the errors of one that is lost where it is difficult are lower
+    otherwise. Pairs that share no frame in one of the runs are left out; empty when no runs are paired.
     """
-    found = {metric: many.paired(metric) for metric in METRICS}
-    return {metric: compare_pairs(_one_truth(values)) for metric, values in found.items() if values}
+    pairs = list(combinations(many.pairs.rows, 2))
+    found = {metric: [many.paired(metric, pair) for pair in pairs] for metric in METRICS}
+    tested = {metric: [_one_truth(each) for each in values if each] for metric, values in found.items()}
+    return {metric: compare_each(values) for metric, values in tested.items() if values}
+
+
+def frames_of(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
+    """Over which frames two trackers are compared, and which could not be, as the end of a sentence; "" without pairs.
+
+    tested: as `comparisons` returns them.
+    """
+    if not many.pairs.rows:
+        return ""
+    done = {(c.first, c.second) for c in tested.get("ate_position", [])}
+    left = [f"{a} - {b}" for a, b in combinations(many.pairs.rows, 2) if (a, b) not in done]
+    none = f"; no test of {', '.join(left)}, which share no frame in one of these runs" if left else ""
+    return f", over the frames for which both trackers have a pose{none}"
 
 
 def _one_truth(values: Mapping[str, Array]) -> dict[str, list[Array]]:
@@ -107,7 +124,7 @@ def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
         for name, values in many.values(metric).items():
             won, known = name in best, Spread.of(about.scale * values)
             rows[name] += [
-                _mean(values, mean, won, [name] == best and _stands(name, tested.get(metric, []))),
+                _mean(values, mean, won, [name] == best and _stands(name, tested.get(metric, []), len(rows) - 1)),
                 _plain(known.std if known else None, mean.decimals),
             ]
     for column in EXTRA[1:]:
@@ -124,8 +141,8 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
     record = many.runs[0].record
     text = (
         f"Truth: {many.truth['file']}, {many.truth['poses']} poses. Alignment: {record['align']}. Errors are RMSE over "
-        f"the matched poses; RPE over {record['delta']:g} {record['unit']}; means over the runs with 95 % intervals "
-        "(bootstrap, widened by Student's t), sd: standard deviation over the runs"
+        f"the matched poses of each run: read them with coverage; RPE over {record['delta']:g} {record['unit']}; means "
+        "over the runs with 95 % intervals (bootstrap, widened by Student's t), sd: standard deviation over the runs"
     )
     straight = sum(bool(run.undetermined) for run in many.runs)
     if straight:
@@ -135,7 +152,7 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
         )
     if len(many.groups) < 2:
         return f"{text}."
-    text += f". {BOLD} Paired tests: {many.pairs.how}"
+    text += f". {BOLD} Paired tests: {many.pairs.how}{frames_of(many, tested)}"
     units = max((c.units for some in tested.values() for c in some), default=0)
     needed = least_units(len(many.groups) * (len(many.groups) - 1) // 2)
     if tested and units < needed:
@@ -164,10 +181,10 @@ def _best(many: ManyRuns, column: Column) -> list[str]:
     return [name for name in best if covered[name] >= KEEPS_UP * max(covered.values())]
 
 
-def _stands(name: str, tested: list[Comparison]) -> bool:
-    """Whether a tracker has significantly lower values in each of its tests, at the 5 % level."""
+def _stands(name: str, tested: list[Comparison], rivals: int) -> bool:
+    """Whether a tracker has significantly lower values than each of its rivals, at the 5 % level."""
     own = [c for c in tested if name in (c.first, c.second)]
-    return bool(own) and all(c.significant and (c.difference.mean < 0) == (name == c.first) for c in own)
+    return 0 < len(own) == rivals and all(c.significant and (c.difference.mean < 0) == (name == c.first) for c in own)
 
 
 def _mean(values: Any, column: Column, best: bool = False, significant: bool = False) -> Cell:

@@ -17,6 +17,7 @@ from uavbench.reports.evaluation.frames import in_one_frame
 from uavbench.reports.evaluation.gaps import with_gaps
 from uavbench.reports.evaluation.options import EvaluateOptions, chosen_options
 from uavbench.reports.evaluation.trajectory_input import found_in
+from uavbench.reports.many_runs.common_frames import TimedErrors, in_common
 from uavbench.reports.many_runs.curves import Axis, distance_axis, time_axis
 from uavbench.reports.many_runs.groups import Pairing, Run, pairing
 from uavbench.reports.metrics.align import Alignment
@@ -36,9 +37,9 @@ SHOWN_POSES = 2000
 class EvaluatedRun:
     """Errors of one run.
 
-    ate, rpe, coverage, nees: as in `Evaluation`; over_time, over_distance: RMSE (b,) of `position` in m and `rotation`
-    in deg in each bin; path_m (n, 3): estimated positions as aligned, NaN in gaps; scores: the JSON of the
-    `Evaluation`.
+    ate, rpe, coverage, nees: as in `Evaluation`; errors: those of its poses or intervals by METRICS, in m or deg;
+    over_time, over_distance: RMSE (b,) of `position` in m and `rotation` in deg in each bin; path_m (n, 3): estimated
+    positions as aligned, NaN in gaps; scores: the JSON of the `Evaluation`.
     """
 
     run: Run
@@ -47,6 +48,7 @@ class EvaluatedRun:
     coverage: float
     nees: ClaimedNees | None
     record: dict[str, Any]
+    errors: dict[str, TimedErrors]
     over_time: dict[str, Array]
     over_distance: dict[str, Array]
     path_m: Array
@@ -110,11 +112,37 @@ class ManyRuns:
         """One of METRICS (n,) in m or deg of the runs of each tracker; NaN where it is undefined."""
         return {name: np.array([run.value(metric) for run in group]) for name, group in self.groups.items()}
 
-    def paired(self, metric: str) -> dict[str, Array]:
-        """Values of the paired runs, in the same order; empty when none are paired, or one of them lacks a value."""
-        values = self.values(metric)
-        found = {name: values[name][list(rows)] for name, rows in self.pairs.rows.items()}
-        return found if all(np.isfinite(v).all() for v in found.values()) else {}
+    def paired(self, metric: str, names: ListOf[str] = ()) -> dict[str, Array]:
+        """Values of the paired runs of some trackers (all), in the same order, over the frames that these runs share.
+
+        Empty when none are paired, and when two of a pair share no frame.
+        """
+        found: dict[str, list[float]] = {name: [] for name in names or self.pairs.rows}
+        for runs in self._pairs_of(list(found)):
+            if any(metric not in run.errors for run in runs):
+                return {}
+            for run, shared in zip(runs, in_common([run.errors[metric] for run in runs]), strict=True):
+                if not shared.any():
+                    return {}
+                own = run.errors[metric].sizes[shared]
+                value = run.value(metric) if shared.all() else float(np.sqrt(np.mean(own**2)))
+                found[run.run.group].append(value)
+        return {name: np.array(values) for name, values in found.items()} if self.pairs.n else {}
+
+    def shared(self, names: ListOf[str]) -> float:
+        """Share of the poses of the paired runs of some trackers that all of them have, of the one with the least."""
+        shares = [
+            [float(each.mean()) for each in in_common([run.errors["ate_position"] for run in runs])]
+            for runs in self._pairs_of(names)
+        ]
+        return float(np.mean(shares, axis=0).min())
+
+    def _pairs_of(self, names: ListOf[str]) -> list[list[EvaluatedRun]]:
+        """The runs of these trackers, pair by pair."""
+        if not self.pairs.rows:
+            return []
+        columns = [[self.groups[name][row] for row in self.pairs.rows[name]] for name in names]
+        return [list(runs) for runs in zip(*columns, strict=True)]
 
 
 def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOptions]) -> ManyRuns:
@@ -162,9 +190,15 @@ def _timed(truth: Trajectory, read: ListOf[Found]) -> Trajectory:
 
 
 def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis, stamps_ns: NDArray[np.int64]) -> EvaluatedRun:
-    """Summaries and curves of a run without its poses, to save memory; stamps_ns (n,): of its pairs on the axes."""
+    """Summaries, errors and curves of a run without its poses, to save memory; stamps_ns (n,): of its pairs."""
     position_m, rotation_rad = pose_error_sizes(found.pairs)
     errors = {"position": position_m, "rotation": np.degrees(rotation_rad)}
+    poses = np.arange(len(position_m))
+    timed = {f"ate_{what}": TimedErrors.of(sizes, stamps_ns, poses) for what, sizes in errors.items()}
+    if found.motions:
+        motion_m, turn_rad = found.motions.sizes
+        timed["rpe_position"] = TimedErrors.of(motion_m, stamps_ns, *found.motions.rows)
+        timed["rpe_rotation"] = TimedErrors.of(np.degrees(turn_rad), stamps_ns, *found.motions.rows)
     return EvaluatedRun(
         run=run,
         ate=found.ate,
@@ -172,6 +206,7 @@ def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis, stamps_ns:
         coverage=found.coverage,
         nees=found.nees,
         record=found.record,
+        errors=timed,
         over_time={name: time.binned(stamps_ns, values) for name, values in errors.items()},
         over_distance={name: distance.binned(stamps_ns, values) for name, values in errors.items()},
         path_m=_thinned(found.pairs.estimate_m, found.pairs.stamps_ns, found.longest_step_ns),

@@ -17,7 +17,7 @@ from matplotlib import rc_context
 
 from uavbench.reports.figures import ranking
 from uavbench.reports.many_runs import figures
-from uavbench.reports.many_runs.comparison import extra
+from uavbench.reports.many_runs.comparison import extra, frames_of
 from uavbench.reports.many_runs.evaluate_many import METRICS, ManyRuns
 from uavbench.reports.many_runs.groups import counted
 from uavbench.reports.many_runs.results import RUN_COLUMNS, ManyResults
@@ -32,7 +32,7 @@ from uavbench.trajectories.files.writing import in_parts, write_text
 
 MARKER = Marker("evaluation.json", "evaluation of runs")
 RANKED_BY = "ATE position"
-TEST_COLUMNS = ("metric", "first", "second", "difference", "low", "high", "p_holm", "first_wins", "units")
+TEST_COLUMNS = ("metric", "first", "second", "difference", "low", "high", "p_holm", "first_wins", "units", "shared")
 RUNS = (
     Column(head="coverage", key="coverage_percent", unit="%", best="max", decimals=1),
     Column(head="ATE position", key="ate_position_cm", unit="cm", best="min", decimals=4),
@@ -65,7 +65,8 @@ def write_many(folder: Path, results: ManyResults) -> Path:
         ]
     text = environment().get_template("page_runs.html").render(
         title=f"{len(many.groups)} tracker{'s' * (len(many.groups) > 1)}, {counted(len(many.runs))}",
-        css=asset("page.css"), js=asset("page.js"), truth=many.truth, how=many.pairs.how,
+        css=asset("page.css"), js=asset("page.js"), truth=many.truth,
+        how=many.pairs.how + frames_of(many, results.tested),
         summary=_summary(results), runs=_runs(results), tests=_shown_tests(results),
         figures=[each.sized(folder) for each in drawn], straight=_straight(many), first=RANKED_BY,
         record=json.dumps(many.runs[0].record, indent=1), version=versions()["uavbench"],
@@ -82,7 +83,8 @@ def _drawings(results: ManyResults) -> list[tuple[str, str, str, Callable[[Path]
          "Lines: median over the runs of each tracker; bands: 90 % of its runs. RMSE in each of up to 200 bins; a gap "
          "has no pose.", partial(figures.errors_along, many)),
         ("spread", "Spread of the runs",
-         "A dot for each run, in their order; line and band: mean over the runs and its 95 % interval.",
+         "A dot for each run, in their order, over all poses of its own: read them with coverage; line and band: mean "
+         "over the runs and its 95 % interval.",
          partial(figures.spread, many)),
         ("paths", "Paths from above",
          "The truth, and of each tracker the run whose position error is nearest to its median, as aligned.",
@@ -98,14 +100,15 @@ def _drawings(results: ManyResults) -> list[tuple[str, str, str, Callable[[Path]
     if tests:
         names, paired = list(many.groups), many.paired("ate_position")
         made.append(
-            ("wins", "Wins", "On the paired runs; *: the mean difference is significant at the 5 % level.",
+            ("wins", "Wins", "On the paired runs, over the frames that two trackers share; *: significant at 5 %.",
              partial(ranking.win_table, names, tests, what=RANKED_BY))
         )  # fmt: skip
-        if many.pairs.n > 1:
+        if paired and many.pairs.n > 1:
             colours = {name: k for k, name in enumerate(names)}
             made.append(
                 ("ranks", "Mean ranks",
-                 "Best at the left; bars join trackers without a significant difference (Nemenyi).",
+                 "Over the frames that all trackers share. Best at the left; bars join trackers without a significant "
+                 "difference (Nemenyi).",
                  partial(ranking.critical_difference, ranks(paired), colours, what=RANKED_BY))
             )  # fmt: skip
     return made
@@ -122,6 +125,7 @@ def _tests(results: ManyResults) -> list[list[Any]]:
             c.p,
             c.wins,
             c.units,
+            results.shared[c.first, c.second],
         ]
         for metric, found in results.tested.items()
         for c in found
@@ -188,6 +192,7 @@ def _shown_tests(results: ManyResults) -> dict[str, list[dict[str, Any]]]:
             rows.append({
                 "first": c.first, "second": c.second, "p": f"{c.p:.3g}", "stands": c.significant,
                 "difference": f"{about.scale * c.difference.mean:+.4g} {about.unit}", "wins": f"{100 * c.wins:.0f} %",
+                "shared": f"{100 * results.shared[c.first, c.second]:.0f} %",
                 "bounds": c.difference.why or f"[{low:+.4g}, {high:+.4g}]",
             })  # fmt: skip
     return tables

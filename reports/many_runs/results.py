@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uavbench.reports.json_values import json_values
-from uavbench.reports.many_runs.comparison import BOLD, Spread, comparisons, extra, summary
+from uavbench.reports.many_runs.comparison import BOLD, Spread, comparisons, extra, frames_of, summary
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.statistics.bootstrap import Comparison
 from uavbench.reports.tables.summary_table import Table
@@ -38,6 +38,12 @@ class ManyResults:
         return comparisons(self.many)
 
     @cached_property
+    def shared(self) -> dict[tuple[str, str], float]:
+        """Share of the poses of either of two compared trackers, the lower one, that the other has, too."""
+        pairs = dict.fromkeys((c.first, c.second) for found in self.tested.values() for c in found)
+        return {pair: self.many.shared(pair) for pair in pairs}
+
+    @cached_property
     def table(self) -> Table:
         """Mean and spread of each tracker."""
         return summary(self.many, self.tested)
@@ -49,19 +55,31 @@ class ManyResults:
     def to_json(self) -> dict[str, Any]:
         """JSON object: ground truth, spread of each tracker, paired tests, runs; in m and deg."""
         groups = {
-            name: {"runs": len(group), **{metric: _spread(self.many, metric, name) for metric in METRICS}}
+            name: {
+                "runs": len(group), "coverage": np.mean([run.coverage for run in group]).item(),
+                **{metric: _spread(self.many, metric, name) for metric in METRICS},
+            }
             for name, group in self.many.groups.items()
-        }
+        }  # fmt: skip
         tests = {
             metric: [
-                {**vars(c), "difference": json_values(vars(c.difference)), "significant": c.significant} for c in found
+                {
+                    **vars(c), "difference": json_values(vars(c.difference)), "significant": c.significant,
+                    "shared": self.shared[c.first, c.second],
+                }
+                for c in found
             ]
             for metric, found in self.tested.items()
         }  # fmt: skip
         return {
             "truth": self.many.truth,
             "groups": groups,
-            "paired": {"how": self.many.pairs.how, "runs": self.many.pairs.n, "tests": tests},
+            "paired": {
+                "how": self.many.pairs.how,
+                "frames": frames_of(self.many, self.tested).removeprefix(", "),
+                "runs": self.many.pairs.n,
+                "tests": tests,
+            },
             "runs": [run.to_json() for run in self.many.runs],
         }
 
@@ -84,7 +102,7 @@ class ManyResults:
     def _test_lines(self) -> list[str]:
         if not self.tested:
             return []
-        rows = [["first - second", "metric", "mean difference", "95 %", "p (Holm)", "first wins"]]
+        rows = [["first - second", "metric", "mean difference", "95 %", "p (Holm)", "first wins", "poses shared"]]
         for metric, found in self.tested.items():
             about = METRICS[metric]
             for c in found:
@@ -92,7 +110,8 @@ class ManyResults:
                 bounds = "n/a" if c.difference.why else f"[{low:.4g}, {high:.4g}]"
                 names = f"{c.first} - {c.second}"
                 p = f"{c.p:.3g}{'*' * c.significant}"
-                rows.append([names, about.name, f"{mean:.4g} {about.unit}", bounds, p, f"{100 * c.wins:.0f} %"])
+                shares = [f"{100 * share:.0f} %" for share in (c.wins, self.shared[c.first, c.second])]
+                rows.append([names, about.name, f"{mean:.4g} {about.unit}", bounds, p, *shares])
         return [*in_columns(rows), ""]
 
     def _run_lines(self) -> list[str]:

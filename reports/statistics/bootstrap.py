@@ -169,6 +169,14 @@ def compare_pairs(values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list
     return _adjusted([compare(first, second, values, seed) for first, second in pairs])
 
 
+def compare_each(pairs: ListOf[Mapping[str, ListOf[Array]]], *, seed: int = 0) -> list[Comparison]:
+    """Pairs of trackers, each with values of its own, as over the frames that both have; p adjusted by Holm over all.
+
+    UserError when the two of a pair have values for different sequences or seeds.
+    """
+    return _adjusted([compare(first, second, values, seed) for values in pairs for first, second in [list(values)]])
+
+
 def compare_with(first: str, values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list[Comparison]:
     """One tracker against every other, on the same sequences and seeds; p adjusted by Holm over these comparisons.
 

@@ -209,3 +209,69 @@ def test_trackers_that_show_the_same_best_value_are_all_bold(tmp_path):
     assert [[cell.best for cell in cells] for _, cells in table.rows] == [[True, True], [True, True], [False, True]]
     assert not any(cell.significant for _, cells in table.rows for cell in cells)
     assert "ties included" in table.caption
+
+
+# Trackers that have poses for different frames
+
+
+def compared(folder, **keeps):
+    """Results of trackers that keep these rows of poses, errors of 2 cm in the first half and of 6 cm in the second.
+
+    Those of `worse...` are a fifth larger at every pose.
+    """
+    write_tum(trajectory(WAY), folder / "truth.tum")
+    size_m = np.where(np.arange(POSES) < POSES // 2, 0.02, 0.06)[:, None]
+    for seed, (name, rows) in enumerate(keeps.items()):
+        (folder / name).mkdir()
+        for run in range(RUNS):
+            ways = np.random.default_rng([seed, run]).normal(size=WAY.shape)
+            noise = ways / np.linalg.norm(ways, axis=1, keepdims=True) * size_m * (1.2 if "worse" in name else 1.0)
+            whole = trajectory(WAY + noise)
+            kept = Trajectory(whole.stamps_ns[rows], whole.positions_m[rows], whole.quaternions_wxyz[rows])
+            write_tum(kept, folder / name / f"{run}.tum")
+    runs = grouped([], [f"{name}={folder}/{name}/*.tum" for name in keeps])
+    return ManyResults(evaluate_many(folder / "truth.tum", runs))
+
+
+def of_position(results):
+    return {(c.first, c.second): c for c in results.tested["ate_position"]}
+
+
+ALL, EASY, HARD = slice(None), slice(0, POSES // 2), slice(POSES // 2, None)
+
+
+def test_a_tracker_that_is_worse_on_every_frame_wins_nothing_by_being_lost_where_it_is_difficult(tmp_path):
+    results = compared(tmp_path, worse=EASY, good=ALL)
+    means = {name: float(values.mean()) for name, values in results.many.values("ate_position").items()}
+    assert means["worse"] < means["good"]  # over all poses of its own, beside which stands its coverage
+    found = of_position(results)["worse", "good"]
+    assert found.significant and found.wins == 0.0
+    assert found.difference.mean == pytest.approx(0.2 * 0.02)
+    assert results.shared["worse", "good"] == pytest.approx(0.5)
+    (motion,) = results.tested["rpe_position"]
+    assert motion.difference.mean > 0 and motion.wins < 0.5
+    assert not any(cell.significant or cell.best for cell in dict(results.table.rows)["worse"])
+    assert results.to_json()["groups"]["worse"]["coverage"] == pytest.approx(0.5)
+    assert "read them with coverage" in results.table.caption and "50 %" in results.text()
+
+
+def test_a_tracker_that_is_mostly_lost_takes_no_frames_from_a_test_of_two_others(tmp_path):
+    found = compared(tmp_path, worse=ALL, good=ALL, lost=slice(0, 20))
+    both = of_position(found)["worse", "good"]
+    rms_m = np.sqrt((0.02**2 + 0.06**2) / 2)
+    assert both.difference.mean == pytest.approx(0.2 * rms_m, rel=1e-6)
+    assert found.shared["worse", "good"] == 1.0 and found.shared["good", "lost"] == pytest.approx(20 / POSES)
+    assert of_position(found)["good", "lost"].difference.mean == pytest.approx(0, abs=1e-9)
+
+
+def test_trackers_that_share_no_frame_are_not_compared_and_none_is_better_than_the_other(tmp_path):
+    found = compared(tmp_path, good=ALL, worse=HARD, early=EASY)
+    assert set(of_position(found)) == {("good", "worse"), ("good", "early")}
+    assert "no test of worse - early, which share no frame" in found.table.caption
+    assert not any(cell.significant for _, cells in found.table.rows for cell in cells)
+
+
+def test_frames_between_those_of_a_slower_tracker_are_not_shared(tmp_path):
+    found = compared(tmp_path, good=ALL, third=slice(0, None, 3))
+    assert found.shared["good", "third"] == pytest.approx(1 / 3)
+    assert of_position(found)["good", "third"].difference.mean == pytest.approx(0, abs=1e-9)
