@@ -79,6 +79,30 @@ def test_an_empty_cell_is_no_number(tmp_path):
         read_lines(tmp_path / "a.csv", Layout(3))
 
 
+@pytest.mark.parametrize("blank", ["", " ", "\t"])
+@pytest.mark.parametrize("place", [1, 3, 7])
+def test_values_behind_an_empty_cell_do_not_move_up_into_it(tmp_path, place, blank):
+    """The pose of a line that turns by 180 degrees would have stayed one with its values moved up by a column."""
+    rows = [[str(10**15 + k * 10**7), "1", "2", "3", "0", "0", "0", "1", "0", "0", "0"] for k in range(9)]
+    rows[5][place] = blank
+    for separator in (",", ", "):
+        (tmp_path / "a.csv").write_text("".join(separator.join(row) + "\n" for row in rows))
+        with pytest.raises(UserError, match=rf"a\.csv: line 6: value {place + 1} is missing"):
+            read_trajectory(tmp_path / "a.csv", "euroc")
+    rows[5] = [*rows[4][:1], *rows[4][1:8], "", blank, ""]
+    rows[5][0] = str(10**15 + 5 * 10**7)
+    (tmp_path / "a.csv").write_text("".join(",".join(row) + "\n" for row in rows))  # columns that are not read
+    assert read_trajectory(tmp_path / "a.csv").trajectory.positions_m.tolist() == [[1.0, 2.0, 3.0]] * 9
+
+
+def test_an_empty_first_cell_is_told_in_a_file_without_stamps(tmp_path):
+    row = "1,0,0,0,0,1,0,0,0,0,1,0"
+    for bad in (f",{row}", f" , {row}"):
+        (tmp_path / "a.txt").write_text(f"{row}\n{bad}\n{row}\n")
+        with pytest.raises(UserError, match="line 2: value 1 is missing"):
+            read_trajectory(tmp_path / "a.txt", "kitti")
+
+
 @pytest.mark.parametrize("bad", ["x", "nan nan", "1e999"])
 def test_the_line_is_named_deep_in_a_long_file(tmp_path, bad):
     lines = [f"{k} {ROW}" for k in range(100_000)]

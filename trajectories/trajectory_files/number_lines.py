@@ -33,6 +33,8 @@ WHOLE = r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?"
 """A number without a decimal point, but maybe with a comma in its place."""
 DECIMAL_COMMAS = re.compile(rf"(?=.*\d,\d){WHOLE}(?:(?:\s*;\s*|\s+){WHOLE})+;?")
 """A line of two or more numbers without a decimal point, parted by blanks or semicolons, some with a comma inside."""
+EMPTY_CELLS = (re.compile(rb",[ \t]*,"), re.compile(rb"\n[ \t]*,"))
+"""Commas without a value between them, and before the first value of a line; one pattern for both is slow."""
 STAMP_CHARACTERS = 24
 """A plain stamp has at most 19 digits and a point."""
 
@@ -114,8 +116,10 @@ def comments(path: Path) -> str:
 
 
 def cells_of(line: str) -> list[str]:
-    """Values of a line, which are separated by commas, spaces or both."""
-    return line.replace(",", " ").split()
+    """Values of a line, which are separated by commas, spaces or both; "" for an empty cell before the last value."""
+    if "," not in line:
+        return line.split()
+    return [cell for part in line.rstrip(", \t\r\n").split(",") for cell in part.split() or [""]]
 
 
 def separator_advice(line: str) -> str:
@@ -148,6 +152,8 @@ def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
 def _plain(block: bytes, number: int, layout: Layout) -> NumberLines | None:
     """The lines of a block if all of them are plain, otherwise None."""
     if block.translate(None, PLAIN) or not block.endswith(b"\n"):
+        return None
+    if any(empty.search(b"\n" + block) for empty in EMPTY_CELLS):
         return None
     stamps = _plain_stamps(np.frombuffer(block, dtype=np.uint8), layout.decimals) if layout.unit_ns else None
     if layout.unit_ns and stamps is None:
@@ -206,10 +212,13 @@ def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLin
     numbers, stamps, values = array("q"), array("q"), array("d")
     for line_number, line in _filled(path, block, number):
         cells = cells_of(line)
-        if not layout.fits(len(cells)):
+        if not layout.fits(count := len(cells) - cells.count("")):
             wanted = f"at least {layout.values}" if layout.more else layout.values
+            raise UserError(f"{path}: line {line_number} has {count} values, expected {wanted}{separator_advice(line)}")
+        if "" in (known := cells[: layout.values]):
             raise UserError(
-                f"{path}: line {line_number} has {len(cells)} values, expected {wanted}{separator_advice(line)}"
+                f"{path}: line {line_number}: value {1 + known.index('')} is missing, between two commas; write it, or "
+                "leave the line out"
             )
         numbers.append(line_number)
         stamps.append(_stamp(path, line_number, cells[0], layout.unit_ns) if layout.unit_ns else 0)
