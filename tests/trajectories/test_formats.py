@@ -240,6 +240,7 @@ def test_a_mirrored_matrix_is_no_rotation(tmp_path: Path) -> None:
     (["0 0 0 0 1 0 0 0", "1000 0 0 0 1 0 0 0"], "euroc"), (["0 0 0 0 1 0 0 0", "999 0 0 0 1 0 0 0"], "tum"),
     (["0 0 0 0 1 0 0 0", "1000.5 0 0 0 1 0 0 0"], "tum"), (["-5 0 0 0 1 0 0 0", "+5000 0 0 0 1 0 0 0"], "euroc"),
     (["1,0,0,0,1,0,0,0,0,0,0,0", "5000000,0,0,0,1,0,0,0,0,0,0,0"], "euroc"), (["1 0 0 0 0 1 0 0 0 0 1 0"], "kitti"),
+    (["1,0,0,0,0,1,0,0,0,0,1,0", "1,0,0,5000,0,1,0,0,0,0,1,0"], "kitti"),
     ([" ".join("0" * 29)], "tum"), ([" ".join("0" * 44)], "tum"), ([" ".join("0" * 30)], None), (["1 2 3"], None),
 ])  # fmt: skip
 def test_formats_are_told_by_their_first_lines(lines: list[str], format: str | None, tmp_path: Path) -> None:

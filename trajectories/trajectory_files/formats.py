@@ -40,7 +40,7 @@ LEAST_NS_STEP = 1000
 """Integer stamps at least this far apart are read as nanoseconds, not seconds."""
 SHOWN = 40
 """Most characters of an unknown frame that an error message quotes."""
-TUM_VALUES = 8
+TUM_VALUES, KITTI_VALUES = 8, 12
 COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
 """Values per line whose pose is followed by its covariance: the upper triangle by rows, or the full matrix."""
 FRAME_COMMENT = re.compile(r"^[ \t]*#[# \t]*frame[ \t]*[:=][ \t]*([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
@@ -72,13 +72,14 @@ def guess_format(path: Path) -> str:
     """Name of the format that a file's first lines of numbers match; UserError when they match none.
 
     Eight numbers or more are euroc if the first one counts nanoseconds: an integer that grows by at least
-    LEAST_NS_STEP, or has at least twelve digits.
+    LEAST_NS_STEP, or has at least twelve digits. Twelve with spaces between them are kitti in any case.
     """
     (number, line), *second = first_lines(path, 2)
     cells = cells_of(line)
-    if len(cells) == 12 and "," not in line:
+    stamped = len(cells) >= 8 and _in_nanoseconds([cells[0], *(cells_of(text)[0] for _, text in second)])
+    if len(cells) == KITTI_VALUES and not (stamped and "," in line):
         return "kitti"
-    if len(cells) >= 8 and _in_nanoseconds([cells[0], *(cells_of(text)[0] for _, text in second)]):
+    if stamped:
         return "euroc"
     if len(cells) in (TUM_VALUES, *COVARIANT_TUM_VALUES):
         return "tum"
@@ -138,7 +139,7 @@ def read_euroc(path: Path) -> Trajectory:
 
 def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
     """Trajectory of a KITTI file, which has no stamps: row k is at k / rate_hz seconds. UserError naming the line."""
-    lines = read_lines(path, Layout(12))
+    lines = read_lines(path, Layout(KITTI_VALUES))
     matrices = lines.values.reshape(-1, 3, 4)
     R = matrices[:, :, :3]
     with np.errstate(invalid="ignore", over="ignore"):
