@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import FOLDED_PX, Camera
-from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, Sequence
 from uavbench.scenes.dataset.surfaces.annotation_images import annotation_file
+from uavbench.scenes.dataset.surfaces.depth_between_pixels import sampled_depth
 from uavbench.scenes.image_files import image_of
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.trajectories.camera_mount import MAIN
@@ -73,7 +74,10 @@ class Shown:
     def depth(self, frame: int) -> Array | None:
         """Depth (h, w) in metres, 0 where there is none; None where the sequence has no depth."""
         depth_m = self.sequence[frame].depth_m
-        return None if depth_m is None else self._as_shown(depth_m, cv2.INTER_NEAREST)
+        if depth_m is None or self._places is None:
+            return depth_m
+        unit_m = float(self.sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
+        return sampled_depth(depth_m, self._places, unit_m)
 
     def mask(self, frame: int) -> NDArray[np.bool_] | None:
         """Mask (h, w) of the visible structure; None where the sequence has no masks."""

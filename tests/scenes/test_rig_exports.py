@@ -314,6 +314,10 @@ def test_undistorted_views_are_those_of_the_pinhole_with_the_same_matrix(format,
     assert "are undistorted (radtan [-0.2, 0.05, 0.001, -0.002])" in notes(tmp_path / "out")
 
 
+DEPTHS = [("tum", "depth", 5000.0), ("bop", "test/000001/depth", 1000.0), ("transforms", "depths", 1000.0)]
+"""Formats with depth: its folder, and its units per metre."""
+
+
 @pytest.mark.parametrize("format", ["tum", "bop", "transforms"])
 def test_depths_are_metres_along_the_optical_axis(format, fixed, tmp_path):
     """Of the box's points: each pixel of the box, by its depth and the TOML's camera, lies on a face of the box."""
@@ -337,6 +341,21 @@ def test_depths_are_metres_along_the_optical_axis(format, fixed, tmp_path):
         rays = np.column_stack([u, v, np.ones(len(u))]) @ np.linalg.inv(own.K).T
         points = (depth[v, u] / units_per_m)[:, None] * rays @ pose[:3, :3].T + pose[:3, 3]
         assert len(points) > 1000 and np.abs(off_the_box(points)).max() < 0.001
+
+
+@pytest.mark.parametrize(("format", "where", "units_per_m"), DEPTHS)
+def test_undistorted_depths_are_those_of_their_own_pixels(format, where, units_per_m, fixed, tmp_path):
+    """On the box and the floor beneath it, by the pinhole: between pixels of the recorded image, not beside them."""
+    out = exported(fixed, format, tmp_path / "out", "right", undistort=True)
+    own = lens(fixed, "right")
+    for path, pose in zip(sorted((out / where).iterdir()), cameras_in_world(fixed, "right"), strict=True):
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        v, u = np.nonzero(depth)
+        rays = np.column_stack([u, v, np.ones(len(u))]) @ np.linalg.inv(own.K).T
+        points = (depth[v, u] / units_per_m)[:, None] * rays @ pose[:3, :3].T + pose[:3, 3]
+        low = points[:, 2] < 0.2  # walls are elsewhere
+        off_m = np.minimum(np.abs(off_the_box(points[low])), np.abs(points[low, 2]))
+        assert low.sum() > 3000 and np.quantile(off_m, 0.9) < 0.001
 
 
 def off_the_box(points: np.ndarray) -> np.ndarray:
