@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 WON_BY_ALL = ("coverage", "within 5 cm, 5 deg", "AUC 10 cm")
+OF_POSES = ("ate_", "rpe_", "model_", "bound_", "consistency_")
+"""Beginnings of the keys of columns that are over the frames with a pose."""
 MEAN = "_mean_"
 """Part of the keys of errors that are means over frames."""
 MOST_NAMED = 3
@@ -67,12 +69,16 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of named cells under columns; absent: trackers that are not installed, without numbers."""
+    """Rows of named cells under columns; absent: trackers that are not installed, without numbers.
+
+    coverage: a sentence with the coverage of each row, for captions of errors without a column of it.
+    """
 
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
     absent: tuple[str, ...] = ()
+    coverage: str = ""
 
     def select(self, heads: ListOf[str]) -> "Table":
         """The table with the columns of these heads, in this order; UserError for an unknown head."""
@@ -82,7 +88,14 @@ class Table:
                 raise unknown_name("column", head, known)
         places = [known.index(head) for head in heads]
         rows = tuple((name, tuple(cells[k] for k in places)) for name, cells in self.rows)
-        return replace(self, columns=tuple(self.columns[k] for k in places), rows=rows)
+        return replace(self, columns=tuple(self.columns[k] for k in places), rows=rows).with_coverage()
+
+    def with_coverage(self) -> "Table":
+        """The table with the coverage in its caption, where its columns have errors and no coverage."""
+        heads, keys = [column.head for column in self.columns], [column.key for column in self.columns]
+        if "coverage" in heads or not self.coverage or not any(key.startswith(OF_POSES) for key in keys):
+            return self
+        return replace(self, caption=f"{self.caption} {self.coverage}", coverage="")
 
 
 def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> Table:
@@ -107,7 +120,7 @@ def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> 
                 _mark_best({run: cells[run] for run in rivals}, of_column, k, column, fit_here)
     order = sorted(groups, key=lambda run: (-rates[run], success[run]))
     rows = tuple((run, tuple(cells[run])) for run in order)
-    return Table(_caption(groups, columns, rows), columns, rows)
+    return Table(_caption(groups, columns, rows), columns, rows, coverage=_coverage(groups, order)).with_coverage()
 
 
 def noted(table: Table, note: str) -> Table:
@@ -174,6 +187,21 @@ def _caption(
         runs = f"{independent} independent run{'s' if independent > 1 else ''}"
         return f"{text}. Significance: n/a ({runs} at most, the test needs {needed})."
     return f"{text}; *: better than each other tracker there at the 5 % level (paired by sequence and seed, Holm)."
+
+
+def _coverage(groups: Mapping[str, "DataFrame"], order: ListOf[str]) -> str:
+    """Coverage of each tracker and rate, those with equal ones together, lowest first."""
+    runs: dict[str, list[str]] = {}
+    shares = {run: float(np.mean([v.mean() for v in by_flight(groups[run], _covered(groups[run]))])) for run in order}
+    for run, share in sorted(shares.items(), key=lambda each: each[1]):
+        runs.setdefault(f"{share:.1f} %", []).append(run)
+    *some, (most, others) = runs.items()
+    lower = "".join(f"{', '.join(names)} {share}; " for share, names in some)
+    return f"Coverage: {lower}{'all others' if some and len(others) > 1 else ', '.join(others)} {most}."
+
+
+def _covered(rows: "DataFrame") -> Array:
+    return 100 * rows["tracking_coverage"].to_numpy(dtype=np.float64)
 
 
 def by_flight(rows: "DataFrame", values: Array) -> list[Array]:

@@ -327,3 +327,20 @@ def test_a_caption_says_which_errors_are_means() -> None:
     assert f"RMSE (ADD, MSSD, MSPD: means) {told}" in summary_table(scores, DETAILS).caption
     of_poses = tuple(column for column in COLUMNS if column.head in TWO_COLUMNS)
     assert f"RMSE {told}" in summary_table(scores, of_poses).caption
+
+
+def test_errors_without_a_column_of_coverage_have_it_in_their_caption(tmp_path: Path) -> None:
+    """A tracker that is lost where it is difficult has the lowest error of a table: its reader is told."""
+    scores = [run("easy", 1.0, coverage=0.5, success=0.5), run("good", 1.2), run("fair", 2.0)]
+    told = "Coverage: easy@15hz 50.0 %; all others 100.0 %."
+    table = summary_table(scores)
+    assert told not in table.caption  # a column has it
+    for columns in (ONE_COLUMN, ("ATE position",), ("RPE 1 s", "frame p95")):
+        chosen = table.select(columns)
+        assert chosen.caption.endswith(f". {told}") and told in markdown(chosen) and chosen.select(columns) == chosen
+    assert told in summary_table(scores, DETAILS).caption
+    assert told not in table.select(TWO_COLUMNS).caption and told not in table.select(["frame p95", "failures"]).caption
+    write_summary(table, tmp_path / "summary")
+    assert "50.0" in (tmp_path / "summary_one_column.tex").read_text()
+    equal = summary_table([run("a", 1.0), run("b", 2.0)]).select(["ATE position"])
+    assert equal.caption.endswith("Coverage: a@15hz, b@15hz 100.0 %.")
