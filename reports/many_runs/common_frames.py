@@ -15,31 +15,48 @@ from uavbench.trajectories.pose import Array
 class TimedErrors:
     """Sizes (n,) of the errors of a run, m or deg, and the times at_s (n, k) of their poses: one, or two for RPE.
 
-    step_s: usual step between its poses; infinite for fewer than two.
+    poses_s (m,): times of all its poses; step_s: usual step between these, infinite for fewer than two. alike: whether
+    another run needs the same interval, not only poses at its ends, as where intervals are counted in frames.
     """
 
     at_s: Array
     sizes: Array
+    poses_s: Array
     step_s: float
+    alike: bool
 
     @classmethod
-    def of(cls, sizes: Array, stamps_ns: NDArray[np.int64], *rows: Indices) -> "TimedErrors":
+    def of(cls, sizes: Array, stamps_ns: NDArray[np.int64], *rows: Indices, alike: bool = True) -> "TimedErrors":
         """Errors of sizes (n,) and of the poses in rows (n,) at stamps (m,): one of each, or both of an interval."""
-        times_s = stamps_ns / NS
-        return cls(np.column_stack([times_s[each] for each in rows]), sizes, usual_step_ns(stamps_ns) / NS)
+        poses_s = stamps_ns / NS
+        at_s = np.column_stack([poses_s[each] for each in rows])
+        return cls(at_s, sizes, poses_s, usual_step_ns(stamps_ns) / NS, alike)
 
     def near(self, other: "TimedErrors") -> NDArray[np.bool_]:
-        """Whether another run has an error at these times (n,): nearer than half the shorter of both usual steps."""
+        """Whether another run has these errors (n,), too.
+
+        It has them where it has an error nearer than half the shorter of both usual steps; or, of an interval in
+        seconds, metres or degrees, poses nearer to its ends than half the longer one.
+        """
         if np.array_equal(self.at_s, other.at_s):
             return np.ones(len(self.at_s), dtype=bool)
-        if not len(other.at_s):
-            return np.zeros(len(self.at_s), dtype=bool)
-        from scipy.spatial import cKDTree  # lazy: most runs have the same frames
-
-        distance_s, _ = cKDTree(other.at_s).query(self.at_s, p=np.inf)
-        return np.asarray(distance_s < 0.5 * min(self.step_s, other.step_s))
+        if self.alike:
+            return _within(0.5 * min(self.step_s, other.step_s), self.at_s, other.at_s)
+        limit_s = 0.5 * max(self.step_s, other.step_s)
+        ends = [_within(limit_s, end[:, None], other.poses_s[:, None]) for end in self.at_s.T]
+        return np.asarray(np.logical_and.reduce(ends))
 
 
 def in_common(runs: ListOf[TimedErrors]) -> list[NDArray[np.bool_]]:
     """Which errors (n,) of each run are of frames that all runs have."""
     return [np.logical_and.reduce([run.near(other) for other in runs]) for run in runs]
+
+
+def _within(limit_s: float, times_s: Array, others_s: Array) -> NDArray[np.bool_]:
+    """Whether one of other times (m, k) is nearer than a limit to each of these (n, k), in every component."""
+    if not len(others_s):
+        return np.zeros(len(times_s), dtype=bool)
+    from scipy.spatial import cKDTree  # lazy: most runs have the same frames
+
+    distance_s, _ = cKDTree(others_s).query(times_s, p=np.inf)
+    return np.asarray(distance_s < limit_s)

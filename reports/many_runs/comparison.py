@@ -70,10 +70,13 @@ def frames_of(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
     """
     if not many.pairs.rows:
         return ""
-    done = {(c.first, c.second) for c in tested.get("ate_position", [])}
-    left = [f"{a} - {b}" for a, b in combinations(many.pairs.rows, 2) if (a, b) not in done]
-    none = f"; no test of {', '.join(left)}, which share no frame in one of these runs" if left else ""
-    return f", over the frames for which both trackers have a pose{none}"
+    left = ""
+    for metric, what, shared in (("ate_position", "ATE", "frame"), ("rpe_position", "RPE", "interval")):
+        done = {(c.first, c.second) for c in tested.get(metric, [])}
+        pairs = [f"{a} - {b}" for a, b in combinations(many.pairs.rows, 2) if (a, b) not in done]
+        if pairs:
+            left += f"; no test of the {what} of {', '.join(pairs)}, which share no {shared} in one of these runs"
+    return f", over the frames for which both trackers have a pose{left}"
 
 
 def _one_truth(values: Mapping[str, Array]) -> dict[str, list[Array]]:

@@ -197,8 +197,9 @@ def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis, stamps_ns:
     timed = {f"ate_{what}": TimedErrors.of(sizes, stamps_ns, poses) for what, sizes in errors.items()}
     if found.motions:
         motion_m, turn_rad = found.motions.sizes
-        timed["rpe_position"] = TimedErrors.of(motion_m, stamps_ns, *found.motions.rows)
-        timed["rpe_rotation"] = TimedErrors.of(np.degrees(turn_rad), stamps_ns, *found.motions.rows)
+        rows, alike = found.motions.rows, found.record["unit"] == "frames"
+        timed["rpe_position"] = TimedErrors.of(motion_m, stamps_ns, *rows, alike=alike)
+        timed["rpe_rotation"] = TimedErrors.of(np.degrees(turn_rad), stamps_ns, *rows, alike=alike)
     return EvaluatedRun(
         run=run,
         ate=found.ate,

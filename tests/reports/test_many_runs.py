@@ -214,7 +214,7 @@ def test_trackers_that_show_the_same_best_value_are_all_bold(tmp_path):
 # Trackers that have poses for different frames
 
 
-def compared(folder, **keeps):
+def compared(folder, options=None, **keeps):
     """Results of trackers that keep these rows of poses, errors of 2 cm in the first half and of 6 cm in the second.
 
     Those of `worse...` are a fifth larger at every pose.
@@ -230,7 +230,7 @@ def compared(folder, **keeps):
             kept = Trajectory(whole.stamps_ns[rows], whole.positions_m[rows], whole.quaternions_wxyz[rows])
             write_tum(kept, folder / name / f"{run}.tum")
     runs = grouped([], [f"{name}={folder}/{name}/*.tum" for name in keeps])
-    return ManyResults(evaluate_many(folder / "truth.tum", runs))
+    return ManyResults(evaluate_many(folder / "truth.tum", runs, **options or {}))
 
 
 def of_position(results):
@@ -267,7 +267,7 @@ def test_a_tracker_that_is_mostly_lost_takes_no_frames_from_a_test_of_two_others
 def test_trackers_that_share_no_frame_are_not_compared_and_none_is_better_than_the_other(tmp_path):
     found = compared(tmp_path, good=ALL, worse=HARD, early=EASY)
     assert set(of_position(found)) == {("good", "worse"), ("good", "early")}
-    assert "no test of worse - early, which share no frame" in found.table.caption
+    assert "no test of the ATE of worse - early, which share no frame" in found.table.caption
     assert not any(cell.significant for _, cells in found.table.rows for cell in cells)
 
 
@@ -275,3 +275,19 @@ def test_frames_between_those_of_a_slower_tracker_are_not_shared(tmp_path):
     found = compared(tmp_path, good=ALL, third=slice(0, None, 3))
     assert found.shared["good", "third"] == pytest.approx(1 / 3)
     assert of_position(found)["good", "third"].difference.mean == pytest.approx(0, abs=1e-9)
+
+
+def test_intervals_in_frames_are_compared_with_equal_ones_and_those_in_seconds_with_poses_at_their_ends(tmp_path):
+    """A tracker of a third of the rate, whose frames are longer, and which begins between the seconds of the other."""
+    (tmp_path / "frames").mkdir()
+    found = compared(tmp_path / "frames", good=ALL, third=slice(4, None, 3))
+    assert "rpe_position" not in found.tested
+    assert "no test of the RPE of good - third, which share no interval" in found.table.caption
+    (tmp_path / "s").mkdir()
+    found = compared(tmp_path / "s", {"delta": 1.2, "unit": "s"}, good=ALL, third=slice(4, None, 3))
+    (motion,) = found.tested["rpe_position"]
+    assert motion.difference.mean == pytest.approx(0, abs=0.01) and "no test" not in found.table.caption
+    lost = np.r_[0:30, 45:POSES]
+    (tmp_path / "gap").mkdir()
+    found = compared(tmp_path / "gap", {"delta": 0.5, "unit": "s", "all_pairs": True}, worse=ALL, good=lost)
+    assert found.tested["rpe_position"][0].wins < 0.5
