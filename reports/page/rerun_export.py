@@ -13,8 +13,9 @@ from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file
-from uavbench.trajectories.pose import Array
 
+CENTRE_PX = 0.5
+"""Centre of the first pixel in Rerun (rerun-io/rerun#3896); here pixel centres lie at integer coordinates."""
 TRUE, ESTIMATED = (255, 255, 255), (60, 220, 70)
 
 
@@ -55,30 +56,28 @@ def _log_frame(rr: Any, recording: Any, run: ScoredRun, frame: int) -> None:
     sequence = run.sequence
     camera, view = sequence.camera, View.of(sequence.image(frame), sequence.camera, sequence.structure)
     ground_truth, estimate = sequence.true_cam_from_world(frame), run.latest_pose[frame]
-    lens = rr.Pinhole(
-        image_from_camera=camera.K, resolution=[camera.width, camera.height], camera_xyz=rr.ViewCoordinates.RDF
-    )
+    K = camera.K
+    K[:2, 2] += CENTRE_PX
+    lens = rr.Pinhole(image_from_camera=K, resolution=[camera.width, camera.height], camera_xyz=rr.ViewCoordinates.RDF)
     for name, pose, colour in (("ground_truth", ground_truth, TRUE), ("estimate", estimate, ESTIMATED)):
+        drawn = f"world/ground_truth/camera/model_{name}"
         if pose is None:
             recording.log(f"world/{name}", rr.Clear(recursive=True))
+            recording.log(drawn, rr.Clear(recursive=True))
             continue
         at = pose.inverse()
         recording.log(f"world/{name}", rr.Transform3D(translation=at.translation, mat3x3=at.rotation))
         recording.log(f"world/{name}/camera", lens)
-        recording.log(
-            f"world/ground_truth/camera/model_{name}", rr.LineStrips2D(_strips(view.projected(pose)), colors=colour)
-        )
+        recording.log(drawn, rr.LineStrips2D(list(view.projected(pose) + CENTRE_PX), colors=colour))
     jpeg = cv2.imencode(".jpg", view.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
     recording.log("world/ground_truth/camera", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
     row = int(np.searchsorted(run.errors.frames, frame, side="right")) - 1
+    if row < 0:  # before the first frame that is scored
+        return
     if run.errors.ok[row]:
         recording.log("error/position_cm", rr.Scalars(100 * float(run.errors.translation_m[row])))
         recording.log("error/rotation_deg", rr.Scalars(float(run.errors.angle_deg[row])))
     recording.log("error/success", rr.Scalars(float(run.errors.success[row])))
-
-
-def _strips(segments_px: Array) -> list[Array]:
-    return list(segments_px)
 
 
 def _rerun() -> Any:
