@@ -487,6 +487,9 @@ def test_the_rate_of_a_topic_is_that_of_its_images(tmp_path, real):
         (lambda s: raw(s, "rgba8", PICTURE), "are no 64 x 48 px of rgba8"),
         (lambda s: packed(s, "h264", b"\0\0\1\x67"), "format 'h264'"),
         (lambda s: raw(5, "bgr8", PICTURE), "does not come after the one before"),
+        (lambda s: raw(5, "bgr8", PICTURE), "without one of the two images"),
+        (lambda s: raw(0, "bgr8", PICTURE), "give the images as a folder, with their rate"),
+        (lambda s: raw(10**12 - s, "bgr8", PICTURE), "in the order of these stamps"),
     ],
 )
 def test_images_that_cannot_be_read_say_why(tmp_path, real, make_message, told):

@@ -158,6 +158,8 @@ def test_evo_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> N
         ("", "holds no pose"),
         ("1 0 0 0 0 0 1\n", "line 1 has 7 values"),
         ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: its time stamp is not later than"),
+        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: .* but the same; leave one of the two lines out"),
+        ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: its time stamp is not later than the previous one; sort"),
         ("#x\n1 0 0 nan 0 0 0 1\n", "line 2: its position is not finite"),
         ("1 0 0 0 0 0 0 2\n", "line 1: its quaternion is not of unit norm"),
         ("1 0 0 0 0 0 0 x\n", "line 1: could not convert"),

@@ -53,10 +53,20 @@ def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
             stamp = stamp_ns(message.header)
             if before is not None and stamp <= before:
                 raise UserError(
-                    f"{name}: its header's stamp, {stamp} ns, does not come after the one before, {before} ns"
+                    f"{name}: its header's stamp, {stamp} ns, does not come after the one before, {before} ns; "
+                    + _advice(stamp, before)
                 )
             before = stamp
             yield StampedImage(stamp, image)
+
+
+def _advice(stamp_ns: int, before_ns: int) -> str:
+    """What to do about an image that is not later than the one before."""
+    if stamp_ns == before_ns == 0:
+        return "its driver sets none: give the images as a folder, with their rate"
+    if stamp_ns == before_ns:
+        return "write the bag again without one of the two images"
+    return "write the bag again with its images in the order of these stamps"
 
 
 def bag_rate_hz(source: BagTopic) -> float:

@@ -220,7 +220,11 @@ def _trajectory(path: Path, lines: NumberLines, positions: Array, quaternions: A
         ("its quaternion is not of unit norm (1e-3)", ~(np.abs(norms - 1) < 1e-3)),
         (
             "its time stamp is not later than the previous one; sort the file",
-            np.concatenate([[False], stamps[1:] <= stamps[:-1]]),
+            np.concatenate([[False], stamps[1:] < stamps[:-1]]),
+        ),
+        (
+            "its time stamp is not later than the previous one, but the same; leave one of the two lines out",
+            np.concatenate([[False], stamps[1:] == stamps[:-1]]),
         ),
     ):
         if bad.any():
