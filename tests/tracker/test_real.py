@@ -1,5 +1,6 @@
 """Initial poses and real images: files in, files out."""
 
+import json
 import struct
 
 import cv2
@@ -376,6 +377,22 @@ def test_times_beside_images_are_told_unless_they_are_those_of_the_rate(files, t
             assert doubts == []
         else:
             assert f"{name.rpartition('/')[2]}: seems to hold the times of the images, which are not read" in doubts[0]
+
+
+def test_stamps_of_an_export_to_nerfstudio_are_told(files, tmp_path):
+    """Its images are numbered without the gaps of dropped frames."""
+    (tmp_path / "images").mkdir()
+    for path in in_order(files / "images"):
+        (tmp_path / "images" / path.name).write_bytes(path.read_bytes())
+    for steps in (range(6), (0, 1, 3, 4, 5, 7), None):
+        frames = [{"file_path": f"images/{k:06d}.png"} for k in range(6)]
+        for frame, step in zip(frames, steps or (), strict=False):
+            frame["stamp_ns"] = step * 10**8
+        (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames[::-1]}))
+        doubts = held(files, tmp_path / "images", tmp_path / "out").record["doubts"]
+        assert len(doubts) == (steps is not None and steps[-1] > 5), doubts
+        if doubts:
+            assert "transforms.json: seems to hold the times of the images, which are not read" in doubts[0]
 
 
 @pytest.mark.parametrize(
