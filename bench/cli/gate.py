@@ -90,7 +90,7 @@ def gate_command(
         raise click.UsageError("give --baseline to compare with, or --record to keep the results")
     verdict = out or results / "gate"
     if baseline is not None and not update:
-        from uavbench.bench.gate.findings import remove_verdict
+        from uavbench.bench.runner.output_folder import remove_verdict
 
         remove_verdict(verdict)  # first, because the record may be refused
     if history is not None:

@@ -22,13 +22,13 @@ from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.gate.compare_sides import Side, at_work, file_of, keys_of, statements
 from uavbench.bench.gate.decision import Margins
-from uavbench.bench.gate.findings import pronounce, remove_verdict
+from uavbench.bench.gate.findings import pronounce
 from uavbench.bench.gate.versions import version
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
-from uavbench.bench.runner.output_folder import RESULTS, SUITE, refuse_foreign_folder, resolved
+from uavbench.bench.runner.output_folder import GATE, RESULTS, SUITE, refuse_foreign_folder, remove_verdict, resolved
 from uavbench.bench.said import say
 from uavbench.reports.run_folder import SCORES
 from uavbench.reports.scoring.score import score
@@ -58,7 +58,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     for path, kind in ((out / "base" / SUITE, RESULTS), (out / "head" / "timing.json", TIMING)):
         refuse_foreign_file(path, kind)
     refuse_foreign_folder(out / "head")
-    remove_verdict(out / "gate")
+    remove_verdict(out / GATE)
     given = suite_file(suite_name)
     file = given.parent.resolve() / given.name
     with ExitStack() as stack:
@@ -92,7 +92,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
         score_all(out, side, suite, known)
     timing = {"runs": smallest(times, known)}
     write_text(out / "head" / "timing.json", json.dumps(timing, indent=1) + "\n", kind=TIMING)
-    return pronounce(out / "head", out / "base", margins, out / "gate")
+    return pronounce(out / "head", out / "base", margins, out / GATE)
 
 
 @contextmanager
@@ -215,9 +215,10 @@ def describe(folder: Path, suite: Suite, labels: list[str], not_compared: dict[s
 def remove_scores(out: Path) -> None:
     """Remove the scores and times of an earlier comparison, which one that ends early would leave as if its own.
 
-    Files that were edited since stay.
+    So are verdicts on them. Files that were edited since stay.
     """
     for side in SIDES:
+        remove_verdict(out / side / GATE)
         for path in (out / side).glob(SCORES):
             if sealed_kind(path) == MARKER.kind:
                 path.unlink()

@@ -9,10 +9,9 @@ from pathlib import Path
 from uavbench.bench.gate.decision import Finding, Margins, gate, is_share, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
+from uavbench.bench.runner.output_folder import VERDICT, VERDICT_FILES
 from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
-from uavbench.trajectories.files.origin import refuse_within_whole
-from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
 
 HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "margin", "verdict", "why"]
@@ -25,8 +24,6 @@ FOOT = (
 )
 ENOUGH_SEQUENCES = 5
 """Sequences from which a bootstrap of them is about as wide as it says: see docs/gate.md."""
-VERDICT = "verdict of the gate"
-FILES = ("gate.json", "gate.xml", "gate.md")
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
 
@@ -38,21 +35,10 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
     return EXIT_CODES[overall(findings)]
 
 
-def remove_verdict(folder: Path) -> None:
-    """Remove the verdict of an earlier gate, which one that ends without a verdict would leave as if it were its own.
-
-    A file that was edited since stays. UserError for a folder that is checked as a whole, where no verdict may be.
-    """
-    refuse_within_whole(folder / FILES[0])
-    for path in (folder / name for name in FILES):
-        if sealed_kind(path) == VERDICT:
-            path.unlink()
-
-
 def write_reports(findings: list[Finding], margins: Margins, folder: Path, worst: str = "") -> None:
     """Write gate.json, gate.xml (JUnit) and gate.md, at its end the worst sequences."""
     summary = "\n".join(part for part in (to_markdown(findings), worst) if part)
-    for name, text in zip(FILES, (to_json(findings, margins), to_junit(findings), summary), strict=True):
+    for name, text in zip(VERDICT_FILES, (to_json(findings, margins), to_junit(findings), summary), strict=True):
         write_text(folder / name, text, kind=VERDICT)
 
 

@@ -15,6 +15,7 @@ from PIL import Image as Pillow
 
 from uavbench.bench.gate.decision import Margins
 from uavbench.bench.gate.paired_scores import Key, Measured, read_side
+from uavbench.bench.runner.output_folder import WORST, WORST_MARKER
 from uavbench.reports.figures.tracker_pictures import GREEN, WHITE, View, draw, write_text_on
 from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors
 from uavbench.scenes.dataset.sequence import Sequence
@@ -22,14 +23,11 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.results import Results
 from uavbench.tracker.sound_results import sound
 from uavbench.trajectories.errors import DamagedFileError, UserError
-from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 
 MOST = 3
 """Number of sequences shown."""
-FOLDER = "worst"
-MARKER = Marker("worst.json", "worst sequences of a gate")
 WIDTH_PX, GAP_PX = 440, 4
 """Width in px of each of the two images, and of the gap; together they fit into a comment on GitHub."""
 COLOURS = 128
@@ -81,10 +79,10 @@ def write_worst(results: Path, baseline: Path, margins: Margins, out: Path) -> s
     shown: list[str] = []
     found = _pictures(results, baseline, margins)
     first = next(found, None)
-    if first is None and not (out / FOLDER).exists():
+    if first is None and not (out / WORST).exists():
         return ""
-    with new_folder(out / FOLDER, MARKER) as new:
-        (new / MARKER.name).write_text(json.dumps({"made_by": "uavbench gate"}), encoding="utf-8")
+    with new_folder(out / WORST, WORST_MARKER) as new:
+        (new / WORST_MARKER.name).write_text(json.dumps({"made_by": "uavbench gate"}), encoding="utf-8")
         while first is not None and len(shown) < MOST:
             caption, picture = first
             name = f"{len(shown) + 1}.png"
@@ -92,7 +90,7 @@ def write_worst(results: Path, baseline: Path, margins: Margins, out: Path) -> s
                 COLOURS, Pillow.Quantize.FASTOCTREE, dither=Pillow.Dither.NONE
             )
             small.save(new / name, optimize=True)
-            shown.append(f"{caption}\n\n![{name}: before and after]({FOLDER}/{name})\n")
+            shown.append(f"{caption}\n\n![{name}: before and after]({WORST}/{name})\n")
             first = next(found, None)
     return "\n".join(["### The worst sequences\n", f"{LEGEND}\n", *shown]) if shown else ""
 

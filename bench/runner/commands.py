@@ -24,7 +24,7 @@ from uavbench.bench.runner.extent import (
 )
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights, plans_of_scores
-from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved, suite_folder
+from uavbench.bench.runner.output_folder import GATE, refuse_foreign_folder, remove_verdict, resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures
 from uavbench.bench.said import say
@@ -90,6 +90,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
         disown_stale_scores(suite, folder, part)
+        if any(job.verb == "score" for job in not_fresh(jobs)):
+            remove_verdict(folder / GATE)
         outcome = run_graph(jobs, *pool)
         if changed := disown_touched(jobs, planned, outcome.done):
             say(changed, err=True)
@@ -131,18 +133,29 @@ def disown_stale_scores(suite: Suite, folder: Path, part: Suite) -> None:
 
     Those of replays and of flights, whichever are made now. part: what this process runs of the suite; other shards may
     be making the rest, of which only scores that were made of other inputs are stale. Scores that no job made, as those
-    of `uavbench compare` or of a copy without records, stay as they are.
+    of `uavbench compare` or of a copy without records, stay as they are. The gate's verdict on stale ones is removed.
     """
-    for jobs in plans_of_scores(part, folder):
-        fresh = {job.name for job in fresh_jobs(jobs)}
-        for job in jobs:
-            if job.verb == "score" and job.name not in fresh and job.place.record.is_file():
-                job.place.disown()
+    stale = [
+        job
+        for jobs in plans_of_scores(part, folder)
+        for job in not_fresh(jobs)
+        if job.verb == "score" and job.place.record.is_file()
+    ]
     here = {spec.name for spec in part.sequences}
     rest = replace(suite, sequences=tuple(spec for spec in suite.sequences if spec.name not in here))
     for job in chain(*plans_of_scores(rest, folder) if rest.sequences else ()):
         if job.verb == "score" and job.place.is_of_other_inputs(job.content_hash):
-            job.place.disown()
+            stale.append(job)
+    for job in stale:
+        job.place.disown()
+    if stale:
+        remove_verdict(folder / GATE)
+
+
+def not_fresh(jobs: list[Job]) -> list[Job]:
+    """Jobs that are to be done; jobs: in topological order."""
+    fresh = {job.name for job in fresh_jobs(jobs)}
+    return [job for job in jobs if job.name not in fresh]
 
 
 def disown_touched(jobs: list[Job], planned: Callable[[], list[Job]], done: list[Job]) -> str:

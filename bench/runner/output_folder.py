@@ -5,13 +5,14 @@ import json
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
 from uavbench.bench.third_party.registry import absent
 from uavbench.trajectories.errors import DiskError, UserError
+from uavbench.trajectories.files.listed import Listed, Marker, tree
 from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
@@ -21,6 +22,13 @@ SUITE = "suite.json"
 RESULTS = "results of a suite"
 DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2, "failed": 1, "made": 4}
 """Folders in which files are written under temporary names, and the number of levels below."""
+GATE = "gate"
+"""Folder of the verdict on the results, unless another one is named."""
+VERDICT = "verdict of the gate"
+VERDICT_FILES = ("gate.json", "gate.xml", "gate.md")
+WORST = "worst"
+WORST_MARKER = Marker("worst.json", "worst sequences of a gate")
+"""The pictures beside a verdict."""
 
 
 def resolved(folder: Path) -> Path:
@@ -43,6 +51,28 @@ def refuse_foreign_folder(folder: Path, kind: str = RESULTS) -> None:
         early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
         if not early and not sealed_kind(folder / SUITE) == kind:  # another shard may have written it meanwhile
             raise UserError(f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder")
+
+
+def remove_verdict(folder: Path) -> None:
+    """Remove a verdict of the gate, with its pictures, that is no longer one on the results as they are.
+
+    A file that was edited since stays. UserError for a folder that is checked
+    as a whole, where no verdict may be.
+    """
+    refuse_within_whole(folder / VERDICT_FILES[0])
+    for path in (folder / name for name in VERDICT_FILES):
+        if sealed_kind(path) == VERDICT:
+            path.unlink(missing_ok=True)  # another shard may have removed it meanwhile
+    pictures = folder / WORST
+    if pictures.is_symlink() or sealed_kind(pictures / WORST_MARKER.name) != WORST_MARKER.kind:
+        return
+    listed = Listed.of(pictures, WORST_MARKER)
+    for name in [*tree(pictures)]:
+        if listed.holds(pictures, name):
+            (pictures / name).unlink(missing_ok=True)
+    (pictures / WORST_MARKER.name).unlink(missing_ok=True)
+    with suppress(OSError):  # it holds something else
+        pictures.rmdir()
 
 
 @contextmanager
@@ -120,6 +150,8 @@ def _describe(folder: Path, suite: Suite, kind: str) -> None:
     path = folder / SUITE
     refuse_foreign_file(path, kind)
     if not (path.exists() and path.read_text(encoding="utf-8").startswith(text.removesuffix("\n}\n"))):
+        if path.exists():  # of other trackers or sequences
+            remove_verdict(folder / GATE)
         write_text(path, text, kind=kind)
 
 

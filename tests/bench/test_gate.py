@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.drawn_scores import drawn, summary, write
+from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.gate import share
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.baseline import write_baseline
@@ -249,6 +250,36 @@ def test_a_gate_without_a_verdict_leaves_none_of_an_earlier_one(sides, tmp_path,
     result = CliRunner().invoke(main, ["gate", *again, "--out", str(out)])
     assert result.exit_code == 2, result.output
     assert [path.name for path in out.iterdir()] == ["mine.md"]
+
+
+@pytest.mark.parametrize("change", ["tracker", "seeds", "render"])
+def test_a_run_that_makes_scores_anew_leaves_no_verdict_on_earlier_ones(tmp_path, change):
+    suite, out = small_suite(tmp_path), tmp_path / "out"
+    text = suite.read_text()
+
+    def call(*words):
+        return CliRunner().invoke(main, [*map(str, words)])
+
+    assert call("score", suite, "--out", out).exit_code == 0
+    shutil.copytree(out, tmp_path / "base")
+    assert call("gate", out, "--baseline", tmp_path / "base").exit_code == 3
+    (out / "gate" / "mine.md").write_text("notes")
+    pictures = sorted(path.name for path in (out / "gate" / "worst").iterdir())
+    (out / "gate" / "worst" / "mine.png").write_text("a picture")
+    assert pictures
+    assert call("score", suite, "--out", out).exit_code == 0
+    assert (out / "gate" / "gate.md").is_file(), "nothing was made anew"
+    changed = {
+        "tracker": (text.replace('kind = "hold"', 'kind = "vo"'), "score"),
+        "seeds": (text.replace("seeds = [0, 1]", "seeds = [0]"), "score"),
+        "render": (text.replace("duration_s = 0.3", "duration_s = 0.4"), "render"),
+    }[change]
+    assert changed[0] != text
+    suite.write_text(changed[0])
+    result = call(changed[1], suite, "--out", out)
+    assert result.exit_code == 0, result.output
+    kept = sorted(path.relative_to(out / "gate").as_posix() for path in (out / "gate").rglob("*.*"))
+    assert kept == ["mine.md", "worst/mine.png"]
 
 
 def test_no_verdict_is_written_into_a_folder_that_is_checked_as_a_whole(sides, tmp_path):

@@ -16,7 +16,8 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.gate.baseline import write_baseline
 from uavbench.bench.gate.decision import Margins
 from uavbench.bench.gate.paired_scores import Measured, read_side
-from uavbench.bench.gate.worst_pictures import FOLDER, GAP_PX, WIDTH_PX, worsening, write_worst
+from uavbench.bench.gate.worst_pictures import GAP_PX, WIDTH_PX, worsening, write_worst
+from uavbench.bench.runner.output_folder import WORST
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
@@ -70,14 +71,14 @@ def test_the_three_that_became_worst_are_shown_by_their_worst_frames(sides, tmp_
     assert found[0][4] == "no pose" and found[0][1].endswith("coverage 100 to 50 %")
     assert found[1][3].startswith("1.00 cm") and found[1][4].startswith("4.00 cm")
     shown = re.findall(r"!\[.*\]\((.+)\)", text)
-    assert shown == [f"{FOLDER}/{k}.png" for k in (1, 2, 3)]
+    assert shown == [f"{WORST}/{k}.png" for k in (1, 2, 3)]
     for name in shown:
         picture = cv2.imread(str(tmp_path / "out" / name)).astype(int)
         left, right = picture[:, :WIDTH_PX], picture[:, WIDTH_PX + GAP_PX :]
         assert left.shape == right.shape
         green = [int(((p[..., 1] - p[..., 0] > 60) & (p[..., 1] - p[..., 2] > 60)).sum()) for p in (left, right)]
         assert green[0] > 100, "the baseline's model is drawn"
-        assert (green[1] > 100) == (name != f"{FOLDER}/1.png"), "and that of the results where it has a pose"
+        assert (green[1] > 100) == (name != f"{WORST}/1.png"), "and that of the results where it has a pose"
         assert (tmp_path / "out" / name).stat().st_size < 150_000
 
 
@@ -89,7 +90,7 @@ def test_the_gate_writes_and_shows_them_and_those_of_last_time_go(sides, tmp_pat
         assert done.exit_code == 3, done.output  # four seeds
         text = (out / "gate.md").read_text()
         assert text.startswith("## uavbench gate: inconclusive") and text.count("![") == shown
-        assert len(list((out / FOLDER).glob("*.png"))) == shown
+        assert len(list((out / WORST).glob("*.png"))) == shown
         for name in NAMES[1:]:  # the frames of the others are not kept
             shutil.rmtree(head / "sequences" / name, ignore_errors=True)
 
