@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.text import Text
 
-from uavbench.reports.fonts import name_fonts
+from uavbench.reports.fonts import FAMILIES, name_fonts
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import owning, refuse_foreign_file
 from uavbench.trajectories.files.seals import is_sealed_with
@@ -51,7 +51,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2, 1, 2)), "--", "-.", ":")
 
 RC: dict[str, Any] = {
-    "font.family": "STIXGeneral",
+    "font.family": list(FAMILIES),
     "mathtext.fontset": "stix",
     "font.size": 8.0,
     "axes.titlesize": 8.0,

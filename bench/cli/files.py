@@ -207,6 +207,8 @@ def evaluate_command(
         from uavbench.reports.many_runs.page import write_many
 
         say(write_many(out, results), err=as_json)
+        if results.unshown:
+            say(results.unshown, err=True)
 
 
 COMMANDS: tuple[click.Command, ...] = (

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 from matplotlib import rc_context
@@ -58,7 +59,8 @@ def write_many(folder: Path, results: ManyResults) -> Path:
     write_csv(folder / "tables" / "runs.csv", RUN_COLUMNS, results.run_rows())
     if results.tested:
         write_csv(folder / "tables" / "tests.csv", TEST_COLUMNS, _tests(results))
-    with house_style(), rc_context({"text.parse_math": False}):  # names of files and trackers are not formulas
+    with house_style(), rc_context({"text.parse_math": False}), catch_warnings():  # names are not formulas
+        filterwarnings("ignore", r"Glyph \d+ ", UserWarning)  # told by `unshown`
         drawn = [
             on_page(folder, draw(folder / "figures" / name), title, caption)
             for name, title, caption, draw in _drawings(results)
@@ -69,6 +71,7 @@ def write_many(folder: Path, results: ManyResults) -> Path:
         how=many.pairs.how + frames_of(many, results.tested),
         summary=_summary(results), runs=_runs(results), tests=_shown_tests(results),
         figures=[each.sized(folder) for each in drawn], straight=_straight(many), first=RANKED_BY,
+        unshown=results.unshown,
         record=json.dumps(many.runs[0].record, indent=1), version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from uavbench.reports.fonts import note_on_glyphs
 from uavbench.reports.json_values import json_values
 from uavbench.reports.many_runs.comparison import BOLD, Spread, comparisons, extra, frames_of, summary
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
@@ -47,6 +48,11 @@ class ManyResults:
     def table(self) -> Table:
         """Mean and spread of each tracker."""
         return summary(self.many, self.tested)
+
+    @cached_property
+    def unshown(self) -> str:
+        """A sentence about names that figures cannot show; "" without any."""
+        return note_on_glyphs(dict.fromkeys(name for run in self.many.runs for name in (run.run.group, run.run.name)))
 
     def run_rows(self) -> list[list[Any]]:
         """A row of RUN_COLUMNS for each run; None for an undefined value."""

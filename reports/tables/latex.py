@@ -6,7 +6,7 @@ fixed size, the font of IEEEtran, measured with STIX, which has the same metrics
 
 from functools import lru_cache
 
-from matplotlib.font_manager import FontProperties
+from matplotlib.font_manager import FontProperties, get_font
 from matplotlib.textpath import text_to_path
 
 from uavbench.reports.fonts import FOLDER
@@ -21,6 +21,13 @@ SLACK = 1.03
 """Safety factor of widths, for kerning and TeX's rounding."""
 FAMILY = FontProperties(fname=FOLDER / "STIXGeneral.ttf"), FontProperties(fname=FOLDER / "STIXGeneralBol.ttf")
 """Plain and bold."""
+WIDEST = "\N{EM DASH}"
+"""In place of a character that the font lacks: as wide as Chinese and Japanese ones, the widest there are."""
+LAST_LATIN = "\u017f"
+"""The last character that pdflatex knows without further packages and fonts."""
+NEEDS_FONT = (
+    "% Names have letters that pdflatex lacks: use XeLaTeX or LuaLaTeX with \\usepackage{fontspec} and a font of them."
+)
 
 
 def latex(table: Table, width_pt: float = TWO_COLUMNS_PT) -> str:
@@ -30,6 +37,7 @@ def latex(table: Table, width_pt: float = TWO_COLUMNS_PT) -> str:
     head = [
         *(f"% {' '.join(line.split())}" for line in table.caption.split(". ") if line),
         f"% Needs \\usepackage{{booktabs}}; at most {width_pt:g} pt wide, for {where} of IEEEtran.",
+        *([NEEDS_FONT] if max("".join(map(tex, _names(table)))) > LAST_LATIN else []),
         rf"{{\fontsize{{{TEXT_PT:g}}}{{{1.2 * TEXT_PT:g}}}\selectfont\setlength{{\tabcolsep}}{{{GAP_PT:g}pt}}%",
     ]
     return "\n".join([*head, "\n\\par\\smallskip\n".join(_tabular(table, block) for block in blocks), "}", ""])
@@ -54,9 +62,14 @@ ESCAPES = {
 }  # fmt: skip
 
 
+def _names(table: Table) -> list[str]:
+    """The first column of a table, with its head."""
+    return ["tracker", *(name for name, _ in table.rows), *table.absent]
+
+
 def _blocks(table: Table, width_pt: float) -> list[list[int]]:
     """Indices of the columns of each tabular, as many side by side as fit."""
-    names = _widest([(name, TEXT_PT, False) for name in ("tracker", *(n for n, _ in table.rows), *table.absent)])
+    names = _widest([(name, TEXT_PT, False) for name in _names(table)])
     blocks: list[list[int]] = [[]]
     used = names
     for k, column in enumerate(table.columns):
@@ -85,7 +98,9 @@ def _width_pt(text: str, size_pt: float, bold: bool) -> float:
     """Width of a line of text in pt."""
     font = FAMILY[bold].copy()
     font.set_size(size_pt)
-    width: float = text_to_path.get_text_width_height_descent(text, font, ismath=False)[0] if text else 0.0
+    glyphs = get_font(str(font.get_file())).get_charmap()
+    known = "".join(c if ord(c) in glyphs else WIDEST for c in text)
+    width: float = text_to_path.get_text_width_height_descent(known, font, ismath=False)[0] if text else 0.0
     return width
 
 
