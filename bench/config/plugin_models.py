@@ -11,6 +11,7 @@ import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -157,12 +158,26 @@ def import_plugin(name: str) -> type:
         raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")
     for made_in in {module, cls.__module__}:
         loaded[made_in] = loaded.get(made_in, frozenset()) | (frozenset(sys.modules) - before)
+    if not _is_at_its_name(cls):
+        raise UserError(
+            f"plug-in {name!r} calls itself {cls.__module__}:{cls.__qualname__}, where it is not, so that its code is "
+            "not known, nor can other processes load it; write it as a `class` at the top of a module, or give it that "
+            f'module and name, as in make_dataclass("{attribute}", ..., namespace={{"__module__": __name__}})'
+        )
     if not _is_in_a_file(cls.__module__):
         raise UserError(f"plug-in {name!r} is in no file, by which its results could be known; save it as MODULE.py")
     if edited := edited_since_import((cls.__module__, *loaded[cls.__module__])):
         was = "was edited after this Python had imported it; restart Python (in a notebook, the kernel)"
         raise UserError(f"plug-in {name!r}: {', '.join(edited)} {was}")
     return cls
+
+
+def _is_at_its_name(cls: type) -> bool:
+    """Whether a class is what its own module has under its own name, as one of `make_dataclass` may not be."""
+    try:
+        return bool(attrgetter(cls.__qualname__)(sys.modules[cls.__module__]) is cls)
+    except (KeyError, AttributeError):
+        return False
 
 
 def _is_in_a_file(module: str) -> bool:

@@ -98,3 +98,32 @@ def test_a_class_that_is_in_no_file_is_refused(tmp_path, by):
     assert told.splitlines()[-1].endswith(
         "plug-in '__main__:Mine' is in no file, by which its results could be known; save it as MODULE.py"
     )
+
+
+MADE = """
+from dataclasses import dataclass, make_dataclass
+def start(self, structure, camera, cam_from_world, rng): ...
+def local():
+    @dataclass(frozen=True)
+    class Local:
+        start = start
+    return Local
+Local = local()
+Elsewhere = make_dataclass("Elsewhere", [("gain", float, 1.0)], namespace={"start": start, "__module__": "types"})
+Other = make_dataclass("Another", [("gain", float, 1.0)], namespace={"start": start, "__module__": __name__})
+Made = make_dataclass("Made", [("gain", float, 1.0)], namespace={"start": start, "__module__": __name__})
+Typed = dataclass(type("Typed", (), {"__annotations__": {"gain": float}, "gain": 1.0, "start": start}))
+"""
+
+
+@pytest.mark.parametrize(
+    ("attribute", "found"), [("Elsewhere", 0), ("Other", 0), ("Local", 0), ("Made", 1), ("Typed", 1)]
+)
+def test_a_class_that_is_not_where_it_says_is_refused(named, tmp_path, attribute, found):
+    """Its code would be that of another module, such as `types`, and no other process could unpickle it."""
+    (tmp_path / f"{named}.py").write_text(MADE)
+    if attribute in ("Made", "Typed"):
+        assert import_plugin(f"{named}:{attribute}").__module__ == named
+        return
+    with pytest.raises(UserError, match=r"where it is not.*make_dataclass"):
+        import_plugin(f"{named}:{attribute}")
