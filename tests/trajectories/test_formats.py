@@ -280,3 +280,46 @@ def test_limits_of_a_pose_in_a_file(row: str, told: str, tmp_path: Path) -> None
         return
     with pytest.raises(UserError, match=told):
         read_tum(tmp_path / "t")
+
+
+@pytest.mark.parametrize("sign", ["#", "%", "//"])
+def test_comments_of_other_programs_are_comments_and_say_the_same(tmp_path: Path, sign: str) -> None:
+    write_tum(some(), tmp_path / "plain.tum")
+    text = (tmp_path / "plain.tum").read_text()
+    path = tmp_path / "t.tum"
+    path.write_text(f"{sign} frame: world_from_body\n{sign}timestamp tx ty tz qx qy qz qw\n{text}  {sign} the end\n")
+    read, guessed = read_trajectory(path)
+    assert (guessed, declared_frame(path)) == ("tum", "world_from_body")
+    np.testing.assert_array_equal(read.positions_m, some().positions_m)
+    path.write_text(f"{sign} timestamp tx ty tz qw qx qy qz\n{text}")
+    with pytest.raises(UserError, match="names the columns"):
+        read_trajectory(path)
+
+
+def test_poses_of_openvins_are_read_without_their_covariances(tmp_path: Path) -> None:
+    write_tum(some(), tmp_path / "plain.tum")
+    lines = (tmp_path / "plain.tum").read_text().splitlines()
+    head = "# timestamp(s) tx ty tz qx qy qz qw Pr11 Pr12 Pr13 Pr22 Pr23 Pr33 Pt11 Pt12 Pt13 Pt22 Pt23 Pt33\n"
+    path = tmp_path / "state_estimate.txt"
+    path.write_text(head + "".join(f"{line} {'0.1 0 0 0.1 0 0.1 ' * 2}\n" for line in lines))
+    assert guess_format(path) == "tum"
+    found = read_covariant_tum(path)
+    assert found.covariances is None
+    np.testing.assert_array_equal(found.trajectory.quaternions_wxyz, some().quaternions_wxyz)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (7, "without its time"),
+        (9, "Leave out the one"),
+        (13, "index first"),
+        (16, "last row"),
+        (17, "Write nanoseconds"),
+        (10, "euroc .8 or more, integer nanoseconds first.$"),
+    ],
+)
+def test_other_numbers_of_values_are_told_with_what_to_do(tmp_path: Path, values: int, told: str) -> None:
+    (tmp_path / "t.txt").write_text(f"{' '.join(['0.5'] * values)}\n")
+    with pytest.raises(UserError, match=f"line 1 has {values} values.*{told}"):
+        guess_format(tmp_path / "t.txt")

@@ -1,6 +1,7 @@
 """Trajectory files: TUM, EuRoC and KITTI, with numbers that round-trip exactly.
 
 tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark), with an optional covariance behind
+        (of OpenVINS's twelve numbers nothing is used)
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
 
@@ -28,6 +29,7 @@ from uavbench.trajectories.trajectory_files.number_lines import (
     Layout,
     NumberLines,
     cells_of,
+    column_advice,
     comments,
     first_lines,
     read_lines,
@@ -41,9 +43,11 @@ LEAST_NS_STEP = 1000
 SHOWN = 40
 """Most characters of an unknown frame that an error message quotes."""
 TUM_VALUES, KITTI_VALUES = 8, 12
+OPENVINS_VALUES = TUM_VALUES + 12
+"""Values per line of OpenVINS: a pose, then the upper triangles of the covariances of rotation and position."""
 COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
 """Values per line whose pose is followed by its covariance: the upper triangle by rows, or the full matrix."""
-FRAME_COMMENT = re.compile(r"^[ \t]*#[# \t]*frame[ \t]*[:=][ \t]*([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+FRAME_COMMENT = re.compile(r"^[ \t]*(?:#|%|//)[#%/ \t]*frame[ \t]*[:=][ \t]*([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 FRAME = re.compile(r"([a-z]\w*?)[-_ \t]+from[-_ \t]+([a-z]\w*)", re.IGNORECASE)
 MEANT = re.compile(r"(?<![a-z])(?:from|to|body|cam|camera|T)(?![a-z])", re.IGNORECASE)
 """A word by which a comment says of what the poses are; without one, as in `# frame: map`, it tells a fixed frame."""
@@ -81,11 +85,12 @@ def guess_format(path: Path) -> str:
         return "kitti"
     if stamped:
         return "euroc"
-    if len(cells) in (TUM_VALUES, *COVARIANT_TUM_VALUES):
+    if len(cells) in (TUM_VALUES, OPENVINS_VALUES, *COVARIANT_TUM_VALUES):
         return "tum"
     raise UserError(
         f"{path}: line {number} has {len(cells)} values, so it is neither tum (8, or 29 or 44 with a covariance), "
-        f"kitti (12) nor euroc (8 or more, integer nanoseconds first){separator_advice(line)}"
+        "kitti (12) nor euroc (8 or more, integer nanoseconds first)"
+        f"{separator_advice(line) or column_advice(len(cells))}"
     )
 
 
@@ -124,9 +129,10 @@ def read_covariant_tum(path: Path) -> CovariantTrajectory:
     """The same with the covariances that may follow the poses, in world axes, position first."""
     check_named_columns(path, comments(path), "tum")
     width = len(cells_of(first_lines(path, 1)[0][1]))
-    lines = read_lines(path, Layout(width if width in COVARIANT_TUM_VALUES else TUM_VALUES, unit_ns=10**9))
+    known = (*COVARIANT_TUM_VALUES, OPENVINS_VALUES)
+    lines = read_lines(path, Layout(width if width in known else TUM_VALUES, unit_ns=10**9))
     trajectory = _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
-    claimed = lines.values[:, TUM_VALUES:]
+    claimed = lines.values[:, TUM_VALUES : width if width in COVARIANT_TUM_VALUES else TUM_VALUES]
     return CovariantTrajectory(trajectory, PoseCovariances.of_columns(claimed, "fixed") if claimed.size else None)
 
 

@@ -40,7 +40,7 @@ def names_all_columns(comments: str) -> bool:
 def _components(line: str) -> list[str]:
     """Names of the components in a line: x y z of the position, qw qx qy qz of the quaternion."""
     found = []
-    for name in re.split(r"[,;\s]+", UNIT.sub(" ", line.strip().lstrip("#"))):
+    for name in re.split(r"[,;\s]+", UNIT.sub(" ", line.strip().lstrip("#%/"))):
         if position := POSITION.fullmatch(name):
             found.append(position[1].lower())
         elif quaternion := QUATERNION.fullmatch(name):

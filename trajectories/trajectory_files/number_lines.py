@@ -35,8 +35,22 @@ DECIMAL_COMMAS = re.compile(rf"(?=.*\d,\d){WHOLE}(?:(?:\s*;\s*|\s+){WHOLE})+;?")
 """A line of two or more numbers without a decimal point, parted by blanks or semicolons, some with a comma inside."""
 EMPTY_CELLS = (re.compile(rb",[ \t]*,"), re.compile(rb"\n[ \t]*,"))
 """Commas without a value between them, and before the first value of a line; one pattern for both is slow."""
+COMMENTS = ("#", "%", "//")
+"""Beginnings of a comment: of TUM files, of MATLAB and LaTeX, of C."""
+COMMENT_LINES = re.compile(rb"(?:[ \t]*(?:(?:#|%|//)[^\n]*)?\n)*")
 STAMP_CHARACTERS = 24
 """A plain stamp has at most 19 digits and a point."""
+
+
+MEANT_BY = {
+    7: "a pose without its time? Put the seconds first (tum)",
+    9: "a column too many for tum? Leave out the one that is neither the time nor of the pose, as an index or a score",
+    13: "a matrix with a time or an index first? Leave it out (kitti), or write the pose with its time as tum",
+    16: "a whole matrix of four rows? Leave out its last row, 0 0 0 1 (kitti)",
+    17: "a whole matrix with a time first? Write position and quaternion with the time as tum; or euroc with seconds? "
+    "Write nanoseconds",
+}
+"""What lines with other numbers of values may be, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +124,7 @@ def first_lines(path: Path, count: int) -> list[NumberedLine]:
 def comments(path: Path) -> str:
     """The lines before the first line of numbers, up to the end of the first block."""
     for _, block in _blocks(path):
-        found = re.match(rb"(?:[ \t]*(?:#[^\n]*)?\n)*", block)
+        found = COMMENT_LINES.match(block)
         return found[0].decode("utf-8", errors="replace") if found else ""
     return ""
 
@@ -120,6 +134,12 @@ def cells_of(line: str) -> list[str]:
     if "," not in line:
         return line.split()
     return [cell for part in line.rstrip(", \t\r\n").split(",") for cell in part.split() or [""]]
+
+
+def column_advice(values: int) -> str:
+    """What to do about lines with a number of values that no format has; "" where nothing is known of it."""
+    known = MEANT_BY.get(values, "")
+    return f"; {known}" if known else ""
 
 
 def separator_advice(line: str) -> str:
@@ -240,7 +260,7 @@ def _filled(path: Path, block: bytes, number: int) -> Iterator[tuple[int, str]]:
     for line_number, line in enumerate(text.replace("\r", "\n").split("\n"), start=number):
         if len(line) > LONGEST_LINE:
             raise too_long(path, line_number)
-        if line.strip() and not line.lstrip().startswith("#"):
+        if line.strip() and not line.lstrip().startswith(COMMENTS):
             yield line_number, line
 
 
