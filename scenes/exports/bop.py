@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.notes import Held
-from uavbench.scenes.exports.shown_images import Shown, png
+from uavbench.scenes.exports.shown_images import NUMBERED, STAMPS, Shown, png, write_stamps
 from uavbench.scenes.rendering.pixel_kernels import fill_triangles
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
@@ -57,6 +57,7 @@ def export_bop(shown: Shown, folder: Path, on_frame: Callable[[int, int], None])
         if info.get("visib_fract", 1.0) >= LEAST_TARGET_SHARE and info["px_count_all"]:
             targets.append({"im_id": frame, "inst_count": 1, "obj_id": 1, "scene_id": 1})
         on_frame(frame + 1, len(sequence))
+    write_stamps(scene, {f"{frame:06d}.png": stamp for frame, stamp in enumerate(sequence.stamps_ns.tolist())})
     for file, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
         write_text(scene / f"{file}.json", json.dumps(content, indent=1) + "\n")
     write_text(folder / "test_targets_bop19.json", json.dumps(targets, indent=1) + "\n")
@@ -67,6 +68,7 @@ def export_bop(shown: Shown, folder: Path, on_frame: Callable[[int, int], None])
 FILES = {
     "models/": "the structure, object 1, millimetres; models_info.json: its bounds and diameter",
     "test/000001/rgb": "images by number",
+    f"test/000001/{STAMPS}": "time stamp of each image",
     "test/000001/depth": f"depth along the optical axis, {DEPTH_SCALE:g} mm per unit; 0: none, or further than 65.5 m",
     "test/000001/mask": "silhouette of the model without occlusion, 255",
     "test/000001/mask_visib": "visible part of the structure, 255",
@@ -80,7 +82,7 @@ FILES = {
 
 
 def _limits(annotations: tuple[str, ...]) -> tuple[str, ...]:
-    lines = ["Stamps: images are numbered and have no time stamps."]
+    lines = [NUMBERED]
     if "mask" not in annotations:
         lines.append(
             'Visible part: the sequence was rendered without annotations = ["mask"], so there is no mask_visib/, and '

@@ -10,7 +10,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.exports.notes import Held
-from uavbench.scenes.exports.shown_images import Shown, write_masks
+from uavbench.scenes.exports.shown_images import NUMBERED, STAMPS, Shown, write_masks, write_stamps
 from uavbench.scenes.exports.surface_points import OnSurface, PointCloud
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
@@ -62,13 +62,15 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
     write_text(model / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + "".join(lines))
     write_text(model / "images.txt", _images(posed, cloud))
     write_text(model / "points3D.txt", _points(cloud))
+    write_stamps(folder, {each.name: int(each.shown.sequence.stamps_ns[each.frame]) for each in posed})
     files = {
         "images/": "images by number",
+        STAMPS: "time stamp of each image",
         "sparse/0/cameras.txt": "the camera, number 1: model, width, height and its parameters, px",
         "sparse/0/images.txt": "camera from world at each image, w first, and the points that it shows: x y point, px",
         "sparse/0/points3D.txt": "points on the model's surface: position, colour, error 0, and (image, index there)",
     }
-    limits = ["Stamps: images are numbered and have no time stamps."]
+    limits = [NUMBERED]
     if several:
         files["sparse/0/cameras.txt"] = "the cameras: " + ", ".join(
             f"{k} `{n}`" for k, n in enumerate(cameras, start=1)

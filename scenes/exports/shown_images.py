@@ -1,6 +1,6 @@
 """Images of a sequence for an export: distorted as recorded, or undistorted."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ from uavbench.scenes.dataset.surfaces.depth_between_pixels import sampled_depth
 from uavbench.scenes.image_files import image_of
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.trajectories.camera_mount import MAIN
+from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -115,6 +116,18 @@ def write_masks(shown: Shown, folder: Path, name: Callable[[int], str]) -> bool:
         assert mask is not None
         (folder / name(frame)).write_bytes(png(np.where(mask, 255, 0).astype(np.uint8)))
     return True
+
+
+STAMPS = "timestamps.csv"
+"""Stamps of images that are numbered, so that the gaps of lost frames are known; readers of the formats skip it."""
+
+NUMBERED = f"Stamps: in the format images are numbered and have no time stamps; {STAMPS} has them."
+
+
+def write_stamps(folder: Path, stamps_ns: Mapping[str, int]) -> None:
+    """Write the stamps of images by their names."""
+    rows = (f"{stamp},{name}\n" for name, stamp in stamps_ns.items())
+    write_text(folder / STAMPS, "".join(["#timestamp [ns],filename\n", *rows]))
 
 
 def camera_ground_truth(sequence: Sequence) -> Trajectory:

@@ -1,6 +1,7 @@
 """Every number of every export, of a small sequence that is written by hand: no renderer."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.bop import beyond
 from uavbench.scenes.exports.registry import EXPORTS, camera_ground_truth, export
+from uavbench.tracker.images.image_times import doubts_of_times
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
 
@@ -366,7 +368,7 @@ def test_bop_of_a_sequence_without_depth_and_mask(plain: Sequence, tmp_path: Pat
     """What is seen and what is measured is not known then, and not said; a structure out of view has no box."""
     export(plain, "bop", tmp_path / "out")
     assert sorted(p.name for p in (tmp_path / "out" / "test" / "000001").iterdir()) == [
-        "mask", "rgb", "scene_camera.json", "scene_gt.json", "scene_gt_info.json",
+        "mask", "rgb", "scene_camera.json", "scene_gt.json", "scene_gt_info.json", "timestamps.csv",
     ]  # fmt: skip
     (info,) = bop(tmp_path / "out", "scene_gt_info")["1"]
     assert set(info) == {"bbox_obj", "px_count_all"}
@@ -472,6 +474,31 @@ def test_a_fisheye_is_no_pinhole_where_all_its_coefficients_are_zero(
         export(fisheye, format, tmp_path / format)
     radtan = replace(sequence, camera=replace(PINHOLE, distortion_model="radtan", distortion=(0.0,) * 4))
     export(radtan, format, tmp_path / format)
+
+
+@pytest.mark.parametrize(
+    ("format", "images"), [("bop", "test/000001/rgb"), ("colmap", "images"), ("transforms", "images")]
+)
+def test_the_stamps_of_numbered_images_are_beside_them(tmp_path: Path, format: str, images: str) -> None:
+    """A frame was dropped between the second and the third, which their numbers do not tell."""
+    made = make_sequence(tmp_path / "arc", 4)
+    step = int(made.stamps_ns[1] - made.stamps_ns[0])
+    for gap in (0, step):
+        stamps = made.stamps_ns + np.array([0, 0, gap, gap])
+        for name in ("frames.csv", "groundtruth.csv"):
+            text = (made.folder / name).read_text()
+            for ns, later in reversed([*zip(made.stamps_ns.tolist(), stamps.tolist(), strict=True)]):
+                text = re.sub(rf",{ns},", f",{later},", text)
+            (made.folder / name).write_text(text)
+        out = tmp_path / str(gap)
+        export(Sequence.load(made.folder), format, out)
+        if format != "transforms":
+            rows = listed((out / images).parent / "timestamps.csv", ",")
+            assert [int(ns) for ns, _ in rows] == stamps.tolist()
+            assert [name for _, name in rows] == sorted(path.name for path in (out / images).iterdir())
+            assert "timestamps.csv" in json.loads((out / "export.json").read_text())["not_held"][0]
+        doubts = doubts_of_times(out / images, 1e9 / step)
+        assert len(doubts) == bool(gap) and all("seems to hold the times" in doubt for doubt in doubts)
 
 
 def test_the_command_knows_every_format() -> None:
