@@ -84,14 +84,32 @@ def _who(score: Mapping[str, Any]) -> tuple[Any, ...]:
 def refuse_older_report(folder: Path, rows: list[dict[str, Any]]) -> None:
     """UserError when a run in the folder has other scores than the rows of its report, or is not among them.
 
-    A folder of a report alone, without results, is as it is.
+    So does one that the suite no longer has. A folder of a report alone, without results, is as it is.
     """
     reported = {_who(row): row for row in rows}
+    has = _suite(folder)
+    for sequence, run in ((str(row.get("sequence")), _run(row)) for row in rows):
+        if not has(sequence, run):
+            raise UserError(
+                f"{folder / REPORTED}: has {run} on {sequence}, which is no longer in the suite of {folder / SUITE}; "
+                "write it again with `uavbench report`"
+            )
     for file in score_files(folder) if any(folder.glob(SCORES)) else ():
         score = read_json(file)
         row = reported.get(_who(score))
         if row is None or any(json.dumps(score.get(key)) != json.dumps(value) for key, value in row.items()):
             raise UserError(f"{folder / REPORTED}: older than {file}; write it again with `uavbench report`")
+
+
+def has_older_report(folder: Path) -> bool:
+    """Whether the report in the folder is not of the scores and the suite that are there; False without a report."""
+    if not (folder / REPORTED).is_file():
+        return False
+    try:
+        refuse_older_report(folder, read_json(folder / REPORTED)["scores"])
+    except (UserError, KeyError, TypeError, AttributeError):
+        return True
+    return False
 
 
 def score_files(folder: Path) -> list[Path]:

@@ -29,6 +29,7 @@ from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures
 from uavbench.bench.said import say
 from uavbench.bench.third_party.registry import THIRD_PARTY, absent
+from uavbench.reports.run_folder import has_older_report
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.seals import sealed_kind
@@ -106,8 +107,9 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         if last == "report" and "report" not in outcome.failed:
             say(table.read_text(encoding="utf-8"))
             say(f"report: {page}")
-        elif last == "report" and page.is_file():
-            say(f"no report: {page} is that of an earlier run", err=True)
+        elif page.is_file() and (last == "report" or has_older_report(folder)):
+            anew = "" if last == "report" else f"; `uavbench report {suite_name} --out {folder}` writes it anew"
+            say(f"no report: {page} is that of an earlier run{anew}", err=True)
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 

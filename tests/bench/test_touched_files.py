@@ -204,6 +204,26 @@ def test_a_page_of_an_earlier_run_is_told_where_a_run_ends_without_a_report(tmp_
         assert (f"report: {out / 'index.html'}\n" in said.out) != told
 
 
+@pytest.mark.parametrize("verb", ["score", "render", "shard"])
+def test_a_page_of_other_scores_is_told_by_commands_that_write_none(tmp_path, capsys, verb):
+    """The suite loses a tracker, and then its flights change."""
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+    both = SMALL.replace("seeds = [0, 1]", "seeds = [0]") + 'vo = { kind = "vo" }\n'
+    one = both.replace('vo = { kind = "vo" }\n', "")
+    longer = one.replace("duration_s = 0.3", "duration_s = 0.4")
+    shard = ExecutionOptions(shard="1/1" if verb == "shard" else "")
+    anew = f"no report: {out / 'index.html'} is that of an earlier run; `uavbench report {path} --out {out}` writes it"
+    for text, told in ((both, False), (one, True), (longer, True)):
+        path.write_text(both)
+        assert bring_up_to("report", str(path), out, ExecutionOptions()) == 0
+        path.write_text(text)
+        capsys.readouterr()
+        assert bring_up_to("report" if verb == "shard" else verb, str(path), out, shard) == 0
+        assert (anew in capsys.readouterr().err) == told
+        done = CliRunner().invoke(main, ["tables", str(out)])
+        assert (done.exit_code != 0) == told, done.output
+
+
 def test_shards_are_submitted_all_or_run_one_by_one(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
