@@ -8,6 +8,7 @@ from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.sensors.gnss import Gnss
 
 
 def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
@@ -45,4 +46,8 @@ def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | 
                 mistakes.append(f"{key}: `recordings` are real images and cannot be flown; give `sequences`")
         except UserError as error:
             mistakes.append(f"{key}: {error}")
+    flown = [spec for spec in sequences if isinstance(spec, SequenceSpec)]
+    if loop.gnss_outages_s and flown and not any(isinstance(s, Gnss) for spec in flown for s in spec.sensors):
+        why = "no sequence has GNSS that could be lost; add `gnss` to its `sensors`, or leave this key out"
+        mistakes.append(f"{key}.gnss_outages_s: {why}")
     return mistakes

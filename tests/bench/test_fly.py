@@ -83,6 +83,7 @@ def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
     (("corridor_m = 0.4", "corridor_m = -1.0"), "loop.corridor_m"),
     (("corridor_m = 0.4", 'sensors = ["imu"]'), "no sensor can hold the vehicle"),
     (("corridor_m = 0.4", "gnss_outages_s = [[3.0, 1.0]]"), "not an interval"),
+    (("corridor_m = 0.4", "gnss_outages_s = [[0.1, 0.2]]"), "no sequence has GNSS"),
     (('"hand-pilot", duration_s = 0.3', '"recorded", file = "few.toml"'), "recorded motion"),
 ])  # fmt: skip
 def test_mistakes_are_told_before_the_start(tmp_path, change, told):
