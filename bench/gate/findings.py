@@ -1,8 +1,12 @@
 """The gate's findings as text, JUnit XML, JSON and Markdown."""
 
+import fcntl
 import json
 import math
+import os
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,6 +16,8 @@ from uavbench.bench.gate.worst_pictures import write_worst
 from uavbench.bench.runner.output_folder import VERDICT, VERDICT_FILES
 from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
+from uavbench.trajectories.errors import DiskError
+from uavbench.trajectories.files.origin import refuse_no_folder
 from uavbench.trajectories.files.writing import write_text
 
 HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "margin", "verdict", "why"]
@@ -30,9 +36,26 @@ EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int:
     """Print and write the findings of the gate, with pictures of the worst sequences; its exit code."""
     findings = gate(results, baseline, margins)
-    write_reports(findings, margins, out, write_worst(results, baseline, margins, out))
+    with _alone_in(out):
+        write_reports(findings, margins, out, write_worst(results, baseline, margins, out))
     say(to_text(findings))
     return EXIT_CODES[overall(findings)]
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Context in which no other gate writes into a folder, so that its files are of one verdict: that of the last."""
+    refuse_no_folder(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise DiskError.of(error, f"{folder}: cannot be written: {error.strerror}; name another folder") from None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def write_reports(findings: list[Finding], margins: Margins, folder: Path, worst: str = "") -> None:

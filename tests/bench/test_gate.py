@@ -2,7 +2,9 @@
 
 import json
 import shutil
+import time
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +15,7 @@ from tests.bench.drawn_scores import drawn, summary, write
 from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.gate import share
 from uavbench.bench.cli.main import main
+from uavbench.bench.gate import findings
 from uavbench.bench.gate.baseline import write_baseline
 from uavbench.bench.gate.decision import Margins, gate, overall, share_finding
 from uavbench.bench.gate.findings import HEADER, cells, percent, to_junit, to_markdown, to_text
@@ -280,6 +283,26 @@ def test_a_run_that_makes_scores_anew_leaves_no_verdict_on_earlier_ones(tmp_path
     assert result.exit_code == 0, result.output
     kept = sorted(path.relative_to(out / "gate").as_posix() for path in (out / "gate").rglob("*.*"))
     assert kept == ["mine.md", "worst/mine.png"]
+
+
+def test_files_of_gates_at_the_same_time_are_of_one_verdict(sides, tmp_path, monkeypatch):
+    head, base = sides(lambda rng: drawn(rng, factor=1.2))
+    write = findings.write_text
+
+    def slow(path, text, **how):
+        time.sleep(0.05)
+        write(path, text, **how)
+
+    monkeypatch.setattr(findings, "write_text", slow)
+    for first, second in ((0.05, 0.5), (0.5, 0.05)):
+        calls = [(head, base, Margins(error=margin, resolution=0.9), tmp_path / "ci") for margin in (first, second)]
+        with ThreadPoolExecutor(2) as pool:
+            codes = [call.result() for call in [pool.submit(findings.pronounce, *each) for each in calls]]
+        assert sorted(codes) == [0, 1]
+        kept = json.loads((tmp_path / "ci" / "gate.json").read_text())["verdict"]
+        assert f"uavbench gate: {kept}" in (tmp_path / "ci" / "gate.md").read_text()
+        failures = ET.parse(tmp_path / "ci" / "gate.xml").getroot().get("failures")
+        assert (failures == "0") == (kept == "pass")
 
 
 def test_no_verdict_is_written_into_a_folder_that_is_checked_as_a_whole(sides, tmp_path):
