@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 SCORES = "results/*/*/score.json"
 REPORTED = "scores.json"
 """All scores of a report."""
+FLIGHTS = "flights.json"
+"""All scores of a report of flights."""
+FLOWN_SCORES = "flights/*/*/score.json"
 SUITE = "suite.json"
 """Description of the suite whose runs are in the folder."""
 RECORDS = "made"
@@ -102,14 +105,37 @@ def refuse_older_report(folder: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def has_older_report(folder: Path) -> bool:
-    """Whether the report in the folder is not of the scores and the suite that are there; False without a report."""
-    if not (folder / REPORTED).is_file():
+    """Whether the report in the folder is not of the scores and the suite that are there; False without a report.
+
+    Of a suite with loops it is the report of flights.
+    """
+    suite = folder / SUITE
+    flown = suite.is_file() and bool(read_json(suite).get("loops"))
+    report = folder / (FLIGHTS if flown else REPORTED)
+    if not report.is_file():
         return False
     try:
-        refuse_older_report(folder, read_json(folder / REPORTED)["scores"])
+        rows = read_json(report)["scores"]
+        if flown:
+            return _is_older_than_flights(folder, rows)
+        refuse_older_report(folder, rows)
     except (UserError, KeyError, TypeError, AttributeError):
         return True
     return False
+
+
+def _is_older_than_flights(folder: Path, rows: list[dict[str, Any]]) -> bool:
+    """Whether a flight in the folder has another score than in these rows, or is not in both."""
+    reported = {(str(row["sequence"]), str(row["run"])): row for row in rows}
+    has = _suite(folder)
+    if not all(has(sequence, run.partition("+")[0]) for sequence, run in reported):
+        return True
+    files = {(path.parents[1].name, path.parent.name): path for path in folder.glob(FLOWN_SCORES)}
+    current = {who: path for who, path in files.items() if has(who[0], who[1].partition("+")[0])}
+    if current.keys() != reported.keys() or any(_is_disowned(folder, path) for path in current.values()):
+        return True
+    scores = {who: read_json(path) for who, path in current.items()}
+    return any(json.dumps(scores[who].get(k)) != json.dumps(v) for who, row in reported.items() for k, v in row.items())
 
 
 def score_files(folder: Path) -> list[Path]:

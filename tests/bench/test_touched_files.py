@@ -224,6 +224,23 @@ def test_a_page_of_other_scores_is_told_by_commands_that_write_none(tmp_path, ca
         assert (done.exit_code != 0) == told, done.output
 
 
+def test_a_page_of_other_flights_is_told_by_commands_that_write_none(tmp_path, capsys):
+    path, out = tmp_path / "flown.toml", tmp_path / "out"
+    path.write_text(FLOWN)
+    assert bring_up_to("fly", str(path), out, ExecutionOptions()) == 0
+    one = FLOWN.replace('hold = { kind = "hold" }\n', "")
+    later = FLOWN.replace("ms = 20.0", "ms = 30.0")
+    for text, verb, shard, told in (
+        (FLOWN, "fly", "1/1", False),
+        (later, "render", "", True),
+        (one, "fly", "1/1", True),
+    ):
+        path.write_text(text)
+        capsys.readouterr()
+        assert bring_up_to(verb, str(path), out, ExecutionOptions(shard=shard)) == 0
+        assert (f"no report: {out / 'index.html'} is that of an earlier run" in capsys.readouterr().err) == told, text
+
+
 def test_shards_are_submitted_all_or_run_one_by_one(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
