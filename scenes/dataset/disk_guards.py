@@ -16,16 +16,22 @@ def disk_errors(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if _is_elsewhere(error.filename, folder):
+        if _is_of_a_file_elsewhere(error, folder):
             raise DiskError.of(error, f"{error.filename}: {error.strerror}; check this path") from None
         advice = "free space or choose another folder" if error.errno in NO_SPACE else "choose another folder"
         why = f"{folder}: cannot be written: {error.strerror or error}; {advice}"
         raise DiskError.of(error, why) from None
 
 
-def _is_elsewhere(name: object, folder: Path) -> bool:
-    """Whether the file of an error is neither in a folder nor beside it, where the folder is made."""
-    return isinstance(name, str) and not Path(name).absolute().is_relative_to(folder.absolute().parent)
+def _is_of_a_file_elsewhere(error: OSError, folder: Path) -> bool:
+    """Whether the file of an error is neither in a folder nor beside it, where the folder is made.
+
+    An error of a copy into the folder names the file that is copied first.
+    """
+    name = error.filename
+    if not isinstance(name, str) or error.filename2 is not None:
+        return False
+    return not Path(name).absolute().is_relative_to(folder.absolute().parent)
 
 
 def inside(folder: Path, name: str) -> Path:
