@@ -8,8 +8,8 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.relocate import Relocator
-from uavbench.tracker.robust.relocalization.rounds import Around, Rounds
 from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Limits, score_changes
+from uavbench.tracker.robust.relocalization.scoring.rounds import Around, Rounds
 from uavbench.tracker.robust.work import Work
 
 ENOUGH = 10**12

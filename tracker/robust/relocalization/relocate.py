@@ -27,8 +27,8 @@ from uavbench.tracker.robust.relocalization.ranking import (
     is_suspect,
 )
 from uavbench.tracker.robust.relocalization.rivals import Rivals
-from uavbench.tracker.robust.relocalization.rounds import Around, Rounds, best_first, taken
 from uavbench.tracker.robust.relocalization.scoring.pose_search import CANDIDATES, Candidate, PoseSearch
+from uavbench.tracker.robust.relocalization.scoring.rounds import Around, Rounds, best_first, taken
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
