@@ -16,7 +16,7 @@ from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
 from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
-from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Sought, is_suspect
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -271,12 +271,9 @@ class Decider:
         return slow or not put_off or not fit.support >= loss.min_support
 
     def recall(self, frame: Frame, fit: Fit) -> Recalled:
-        """Likely poses of a frame that the prediction does not explain, by what the run has seen before.
-
-        None right after a frame that left hypotheses or a pose that chance does not explain: these need the budget.
-        """
-        found = frame.follows_hypotheses or self.relocator.found_before
-        if self.state.is_first or fit.support >= self.config.loss.min_support or found:
+        """Likely poses of a frame that nothing explains yet, by what the run saw; none where others need the budget."""
+        spent = frame.follows_hypotheses or self.relocator.needs_budget
+        if self.state.is_first or fit.support >= self.config.loss.min_support or spent:
             return Recalled()
         return self.places.recalled(frame.image, self.fitter.work, self.fitter.cost(1))
 
@@ -286,7 +283,8 @@ class Decider:
 
     def recover(self, frame: Frame, fit: Fit) -> Decision:
         """The best fit of a slice of the search around the prediction and the last pose, or the given fit."""
-        loss, predicted, covariance = self.config.loss, frame.predicted.cam_from_world, frame.predicted.covariance
+        loss, predicted = self.config.loss, frame.predicted.cam_from_world
+        covariance = self.state.spread(Likely(frame.predicted), frame.dt_s).predicted.covariance
         if self.state.is_first or not self.doubts.settled:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 SAMPLING, PER_EDGE = 30_000, 75
 """Cost of finding the visible edge points of a pose, 60 us, and 0.15 us more for each edge of the structure."""
+COARSE_SAMPLING, COARSE_PER_EDGE = 12_000, 20
+"""The same for an overview: 24 us, and 0.04 us more for each edge."""
 FIT, PER_POINT, PER_PATCH = 200_000, 1_700, 4_100
 """Cost of a fit from a wrong pose beside that for each edge, 400 us, and more for each control point and patch, 3.4 and
 8.2 us; fits of tracking take about two thirds of it."""
@@ -16,6 +18,8 @@ LOCATED_POINT = 1_100
 """Cost of locating a control point between the pixels, 2.2 us."""
 DISTANCES = 550_000
 """Cost of the distance transforms of an image, 1.1 ms."""
+COARSE_DISTANCES = 130_000
+"""The same for an overview, 0.26 ms."""
 FEATURES = 3_000_000
 """Cost of finding the features of an image, 3 to 5 ms; 8 ms on bricks."""
 RECALLED, PER_LANDMARK = 330_000, 4_500
@@ -25,6 +29,11 @@ RECALLED, PER_LANDMARK = 330_000, 4_500
 def sampling_evaluations(edges: int) -> int:
     """Cost of finding the visible edge points of a structure of so many edges at a pose."""
     return SAMPLING + PER_EDGE * edges
+
+
+def coarse_sampling_evaluations(edges: int) -> int:
+    """Cost of finding its visible edge points for an overview."""
+    return COARSE_SAMPLING + COARSE_PER_EDGE * edges
 
 
 def fit_evaluations(edges: int, points: int, patches: int) -> int:

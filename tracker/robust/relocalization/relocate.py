@@ -17,6 +17,7 @@ from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.preprocessing.small_images import grey, small_image
+from uavbench.tracker.robust.relocalization.candidates import Candidates
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.ranking import (
     Contender,
@@ -28,7 +29,8 @@ from uavbench.tracker.robust.relocalization.ranking import (
 )
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.scoring.pose_search import CANDIDATES, Candidate, PoseSearch
-from uavbench.tracker.robust.relocalization.scoring.rounds import Around, Rounds, best_first, taken
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
+from uavbench.tracker.robust.relocalization.scoring.rounds import Around
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
@@ -37,12 +39,14 @@ from uavbench.trajectories.pose import Array, Pose
 
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
-LEAST_ALIKE = 0.3
+LEAST_ALIKE = 0.5
 """Correlation of small images of successive frames below which they show other things: of 20 flights at 5 Hz it is at
-least 0.83, and about 0 between a scene and noise or darkness."""
+least 0.83, and between a scene and noise or darkness at most 0.4."""
 CLEARLY_RARER = 1.0
 """Powers of ten by which chance explains one of two windows less, so that it is kept beside one of more support after a
 loss. Chosen on seed 1027, where the true one had 1 to 7."""
+PLACES_FIRST = 6
+"""Slices in which places are recalled although poses from all sides wait: each of three then had its turn."""
 PERTURBATIONS = 24
 """Number of poses sampled around the best fits of a search."""
 
@@ -99,7 +103,7 @@ class Relocator:
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, fitter.config)
         self.rivals = Rivals(fitter, self.searcher, config)
         self.turned = TurnedPoses(fitter, self.searcher, config)
-        self.rounds = Rounds(self.searcher, config)
+        self.candidates = Candidates(fitter, camera, self.searcher)
         self.known_sigma = fitter.config.initialization.sigma
         self.elsewhere: Pose | None = None
         self.shown: Array | None = None
@@ -109,11 +113,15 @@ class Relocator:
         """Restart the search."""
         self.reference: RigidMotion | None = None
         self.best_before: RigidMotion | None = None
-        self.kept: list[Candidate] = []
         self.tried = TriedPoses(self.searcher)
         self.slices = self.perturbations = 0
-        self.rounds.begin()
-        self.near_done = self.found_before = False
+        self.candidates.begin()
+        self.found_before = False
+
+    @property
+    def needs_budget(self) -> bool:
+        """Whether a pose that chance does not explain is to be fitted again, or poses from all sides wait to be."""
+        return self.found_before or (self.candidates.waiting and self.slices >= PLACES_FIRST)
 
     @property
     def under_way(self) -> bool:
@@ -125,15 +133,16 @@ class Relocator:
         work, config = self.fitter.work, self.config
         self.begin_where_cut(sought.image)
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
+        self.candidates.look_all_round(guesses, sought)
         self.move_along(guesses[0] if sought.carried is None else motion(sought.carried))
         recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
         left = self.fit_in_turn(self.likely(guesses, recalled, ranking), sought, ranking)
-        if not left and work.left >= DISTANCES + len(self.kept) * self.searcher.most_again + self.fitter.cost(0):
+        if not left and work.left >= DISTANCES + self.candidates.most_again + self.fitter.cost(0):
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
             work.done += DISTANCES
-            candidates = self.score(Around(target, guesses), ranking, self.is_uncertain(sought))
-            exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
+            candidates = self.candidates.scored(Around(target, guesses), ranking, sought, self.tried)
+            exhausted = not self.fit_in_turn(self.attempts(candidates, ranking, target), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried)
         usual = ranking.top.support >= sought.sure or (sought.thorough and ranking.is_expected)
         leads = (
@@ -147,8 +156,8 @@ class Relocator:
             self.best_before = motion(ranking.top.cam_from_world)
         self.found_before = ranking.is_found
         self.elsewhere = self.beyond(ranking.top)
-        all_done = self.rounds.is_complete(len(guesses)) and (exhausted or len(self.tried) >= MOST_FITS)
-        done = Done(self.near_done, all_done)
+        all_done = self.candidates.is_complete(len(guesses)) and (exhausted or len(self.tried) >= MOST_FITS)
+        done = Done(self.candidates.near_done, all_done)
         return self.relocalized(ranking, sought, done, leads, rivalled=compared.any and not leads)
 
     def beyond(self, fit: Fit) -> Pose | None:
@@ -239,11 +248,6 @@ class Relocator:
         moved, turned = sought.covariance[:3, :3].trace() / 3, sought.covariance[3:, 3:].trace() / 3
         return float(np.sqrt(moved / sought.range_m**2 + turned) * self.searcher.f[0])
 
-    def is_uncertain(self, sought: Sought) -> bool:
-        """Whether the error of the most likely guess may be half a step of viewing directions or more."""
-        sigma_m = float(np.sqrt(sought.covariance[:3, :3].trace() / 3))
-        return sigma_m > 0.5 * self.config.search.view_step_rad * sought.range_m
-
     def move_along(self, reference: RigidMotion) -> None:
         """Move what earlier slices found by the motion of a reference since then."""
         before, self.reference = self.reference, reference
@@ -253,35 +257,16 @@ class Relocator:
             self.tried.give_up(self.best_before)
         R = reference.R @ before.R.T
         by = RigidMotion(R, reference.t - R @ before.t)
-        self.kept = [each._replace(pose=product_of(by, each.pose)) for each in self.kept]
+        self.candidates.move(by)
         self.tried.move(by)
         self.best_before = self.best_before and product_of(by, self.best_before)
-
-    def score(self, around: Around, ranking: Ranking, uncertain: bool) -> list[Candidate]:
-        """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits.
-
-        Poses near the guesses may be scored for half of the time once they all were.
-        """
-        work, reserve = self.fitter.work, self.fitter.cost(2)
-        until = work.done + min(work.left // 2, work.left - reserve)
-        kept = [found for each in self.kept for found in taken(self.searcher.again(around.target, each), work)]
-        share = (until - work.done) // 2 if self.near_done else 0
-        near = self.rounds.near(around, work, until - share)
-        if uncertain:
-            near = self.rounds.beside(near, around.target, work, until)
-        kept += self.rounds.far(around, work, until)
-        self.kept = best_first([ranking.weighed(each) for each in kept])[:CANDIDATES]
-        best = best_first([*map(ranking.weighed, near), *self.kept])
-        for k, each in enumerate(best[:CANDIDATES]):
-            if work.left - reserve >= self.searcher.most_refining(each):
-                best[k] = ranking.weighed(*taken(self.searcher.refined(around.target, each), work))
-        return best_first(best)
 
     def likely(self, guesses: list[RigidMotion], recalled: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit first: what the last slice found, if chance does not explain it; unless it is found again also
         what is recalled, and the guesses, since a prediction is usually better than its covariance.
 
         The first slice has all guesses, the next ones one each: where a fit fails, it mostly fails in the next image.
+        While poses from all sides are left to be scored, each has had its turn.
         """
         if self.found_before and self.best_before is not None:
             yield from self.found(self.best_before, 0.0, ranking)
@@ -291,6 +276,7 @@ class Relocator:
             yield from self.found(pose, 0.0, ranking)
         turn = self.slices % len(guesses)
         turns = guesses[turn : turn + 1] if self.slices else guesses
+        turns = [] if self.candidates.looking and self.slices >= len(guesses) else turns
         self.slices += 1  # not where the work was spent before
         for guess in turns:
             yield from self.found(guess, 0.0, ranking)
@@ -298,15 +284,17 @@ class Relocator:
     def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
         """A pose to fit, and that fit's pose to be fitted again if it is the best so far, or finds more than the best.
 
-        The points of a fit are those that are visible where it begins: elsewhere fewer of them are to be found.
+        The points of a fit are those that are visible where it begins: elsewhere fewer of them are to be found. From
+        all sides, one that would do as a first pose is fitted again, too: what leads may be something else.
         """
         best = ranking.top
         yield Attempt(pose, self.config.found_sigma, self.searcher.half_px, score)
         last = ranking.fits[-1] if ranking.fits else best
-        if last is not best and (last is ranking.top or last.found > best.found):
+        enough = self.candidates.all_round and last.support >= self.fitter.config.initialization.min_support
+        if last is not best and (last is ranking.top or last.found > best.found or enough):
             yield Attempt(motion(last.cam_from_world), self.known_sigma, self.searcher.half_px)
 
-    def attempts(self, candidates: list[Candidate], ranking: Ranking) -> Iterator[Attempt]:
+    def attempts(self, candidates: list[Candidate], ranking: Ranking, target: Target) -> Iterator[Attempt]:
         """Poses to fit in order: the moved best pose of earlier frames; untried poses that match the image about as
         well as the best; perturbations of the best fit, and all others.
         """
@@ -321,12 +309,13 @@ class Relocator:
             yield Attempt((again or [self.best_before])[0], config.found_sigma, self.searcher.half_px)
         for hopeless in (False, True):
             for candidate in candidates:
-                worse = candidate.score < candidates[0].score - config.lead
+                worse = candidate.score < candidates[0].score - config.lead and not self.candidates.all_round
                 if worse != hopeless or self.tried.holds(candidate):
                     continue
-                yield from self.found(candidate.pose, candidate.score, ranking)
-                self.near_done |= int(np.count_nonzero(self.tried.scores)) >= CANDIDATES
-            self.near_done = True
+                fresh = self.candidates.seen_from_there(candidate, target)
+                yield from self.found(fresh.pose, candidate.score, ranking)
+                self.candidates.near_done |= int(np.count_nonzero(self.tried.scores)) >= CANDIDATES
+            self.candidates.near_done = True
             while not hopeless and self.perturbations < PERTURBATIONS:
                 yield from self.perturbed(ranking.top)
 

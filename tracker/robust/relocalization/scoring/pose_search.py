@@ -6,6 +6,7 @@ matching: Shotton, Blake & Cipolla 2008).
 """
 
 import math
+from collections.abc import Callable
 from functools import cache
 from itertools import product
 from typing import NamedTuple
@@ -40,7 +41,7 @@ from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import (
     turned_about,
 )
 from uavbench.tracker.robust.view import AT_ONCE, NOTHING_MASKED, View
-from uavbench.tracker.robust.work import sampling_evaluations
+from uavbench.tracker.robust.work import coarse_sampling_evaluations, sampling_evaluations
 from uavbench.trajectories.pose import Array
 
 BESIDE = 1 / 3
@@ -61,6 +62,22 @@ Indices = NDArray[np.int64]
 STILL = np.zeros((1, 6))
 ANY_WORK = 2**62
 """A number of evaluations that is no limit."""
+
+
+class Detail(NamedTuple):
+    """How closely poses are looked at: width of the image, px, and the number of points by which each is scored.
+
+    sampling: evaluations of finding the visible edge points of a structure of so many edges.
+    """
+
+    width_px: int
+    points: int
+    sampling: Callable[[int], int]
+
+
+FINE = Detail(SMALL_WIDTH, EDGE_POINTS, sampling_evaluations)
+COARSE = Detail(SMALL_WIDTH // 2, 40, coarse_sampling_evaluations)
+"""Detail that tells views of a structure apart at a small part of the work; more points find no more of them."""
 
 
 class Candidate(NamedTuple):
@@ -132,14 +149,17 @@ def whole(shifts: list[tuple[float, ...]]) -> Indices:
 
 
 class PoseSearch:
-    """Pose search with a structure's edges and the small camera."""
+    """Pose search with a structure's edges and the small camera, in some detail."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: RobustConfig) -> None:
+    def __init__(
+        self, edges: EdgeMap, camera: Camera, near: float, config: RobustConfig, detail: Detail = FINE
+    ) -> None:
         self.config, self.edges, self.sigma_cost = config.relocalization.search, edges, config.relocalization.sigma_cost
         self.clear_score = float(config.relocalization.lead)
-        self.sampling = sampling_evaluations(len(edges.ends))
+        self.points, self.sampling = detail.points, detail.sampling(len(edges.ends))
         self.least_gradient = EDGE_SIGMAS * config.preprocessing.max_noise_grey
-        self.scale = max(1.0, camera.width / SMALL_WIDTH)
+        self.scale = max(1.0, camera.width / detail.width_px)
+        self.step_part = self.config.step_part * SMALL_WIDTH / detail.width_px
         self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
         self.f[2:] -= 0.5
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
@@ -167,7 +187,7 @@ class PoseSearch:
     def steps(self) -> Array:
         """Steps (6,) of a pose's changes, as `turned_about` takes them; half a step of shifts."""
         c = self.config
-        return np.array([c.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
+        return np.array([self.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
 
     def nearby(self, pose: RigidMotion, focus: Array, k: int) -> RigidMotion:
         """The k-th quasi-random pose about a pose, turned about a point (3,) of the camera frame by half a step of
@@ -180,11 +200,11 @@ class PoseSearch:
     def block(self, azimuth_rad: float, elevation_rad: float, reach: Reach) -> Block:
         """Block of a viewing direction, rotated from the guess's."""
         c, longer = self.config, reach.step_factor
-        logs = grid(float(np.log1p(reach.range_part)), longer * c.step_part)
+        logs = grid(float(np.log1p(reach.range_part)), longer * self.step_part)
         across, down = reach.shift_part * self.size[0], reach.shift_part * self.size[1]
         shifts = whole(list(product(grid(across, c.truncation_px), grid(down, c.truncation_px))))
         nearest_first = np.argsort(np.linalg.norm(shifts, axis=1), kind="stable")
-        changes = np.array(list(product(grid(reach.roll_rad, longer * c.step_part), map(np.expm1, logs))))
+        changes = np.array(list(product(grid(reach.roll_rad, longer * self.step_part), map(np.expm1, logs))))
         likeliest_first = np.argsort(np.linalg.norm(changes, axis=1), kind="stable")
         return Block(azimuth_rad, elevation_rad, changes[likeliest_first], shifts[nearest_first])
 
@@ -249,11 +269,11 @@ class PoseSearch:
     @property
     def most_again(self) -> int:
         """Most evaluations of scoring a pose in another image."""
-        return 2 * EDGE_POINTS * (PROJECTION_EVALUATIONS + len(self.around) + REFINEMENTS)
+        return 2 * self.points * (PROJECTION_EVALUATIONS + len(self.around) + REFINEMENTS)
 
     def most_of(self, block: Block) -> int:
         """Most evaluations of a block."""
-        one = 2 * EDGE_POINTS * (PROJECTION_EVALUATIONS + len(block.shifts) + REFINEMENTS)
+        one = 2 * self.points * (PROJECTION_EVALUATIONS + len(block.shifts) + REFINEMENTS)
         return len(block.changes) * one + 2 * self.sampling
 
     def refined(self, target: Target, candidate: Candidate) -> Scored:
@@ -264,10 +284,9 @@ class PoseSearch:
         refined = Candidate(found.score - candidate.cost, pose, seen, candidate.cost)
         return Scored([refined], found.evaluations, 1)
 
-    def most_refining(self, candidate: Candidate) -> int:
-        """Most evaluations that refining a candidate takes."""
-        tried = 1 + 12 * PATTERN_LEVELS * PATTERN_SWEEPS
-        return tried * len(candidate.seen.points) * (PROJECTION_EVALUATIONS + 1)
+    def most_refining(self, points: int) -> int:
+        """Most evaluations that refining a candidate of so many points takes."""
+        return (1 + 12 * PATTERN_LEVELS * PATTERN_SWEEPS) * points * (PROJECTION_EVALUATIONS + 1)
 
     def scored(
         self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices, most: int = 10**12
@@ -288,7 +307,7 @@ class PoseSearch:
 
     def seen(self, pose: RigidMotion) -> SeenEdges:
         """Points on the edges visible at a pose, in the image and its margin; any leading subset covers all of them."""
-        points = sample_edges(self.edges, self.view.to(pose.R, pose.t), SPACING_PX, EDGE_POINTS)
+        points = sample_edges(self.edges, self.view.to(pose.R, pose.t), SPACING_PX, self.points)
         spread_out = spread_over(len(points.points))
         places = points.points[spread_out]
         focus = places.mean(axis=0) if len(places) else np.zeros(3)

@@ -1,0 +1,136 @@
+"""Poses that agree with the edge pixels of an image: near guesses, far from them, and from all sides after a loss."""
+
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.relocalization.pose_arrays import distinct, product_of
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.scoring.overview import APART_PART, STEP_RAD, Overview
+from uavbench.tracker.robust.relocalization.scoring.pose_search import (
+    CANDIDATES,
+    EDGE_POINTS,
+    Candidate,
+    PoseSearch,
+)
+from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
+from uavbench.tracker.robust.relocalization.scoring.rounds import Around, Rounds, best_first, taken
+from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
+
+KEPT = 24
+"""Poses of an overview that are kept until they are fitted: three slices' worth."""
+
+
+class Candidates:
+    """Candidates of a search, those of earlier slices among them.
+
+    all_round: whether the guesses may be so far off that poses from all sides of them are looked at; waiting: whether
+    some of these are to be fitted; near_done: whether all likely poses were fitted since the search began.
+    """
+
+    def __init__(self, fitter: EdgeFitter, camera: Camera, searcher: PoseSearch) -> None:
+        self.fitter, self.searcher, self.config = fitter, searcher, fitter.config.relocalization
+        self.rounds, self.overview = Rounds(searcher, self.config), Overview(fitter, camera, searcher)
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a search."""
+        self.kept: list[Candidate] = []
+        self.rounds.begin()
+        self.overview.begin()
+        self.seen_from: list[RigidMotion] = []
+        self.all_round = self.waiting = self.near_done = False
+
+    def look_all_round(self, guesses: list[RigidMotion], sought: Sought) -> None:
+        """Look at poses from all sides if a guess may be off by a view, and one shows the whole structure.
+
+        Not from where the mean velocity leads, the first guess, but only about where the run has been: far from there
+        a box looks alike from its other side.
+        """
+        self.all_round = may_be_off_by(STEP_RAD, sought) and any(map(self.overview.shows_all, guesses))
+        self.seen_from = distinct((sought.carried and guesses[1:]) or guesses, sought.range_m, APART_PART)
+
+    @property
+    def looking(self) -> bool:
+        """Whether poses from all sides are left to be scored."""
+        return self.all_round and not self.overview.is_complete(len(self.seen_from))
+
+    def is_complete(self, guesses: int) -> bool:
+        """Whether all poses about so many guesses were scored."""
+        return not self.looking if self.all_round else self.rounds.is_complete(guesses)
+
+    def move(self, by: RigidMotion) -> None:
+        """Multiply the poses of earlier slices by `by` from the left."""
+        self.kept = [each._replace(pose=product_of(by, each.pose)) for each in self.kept]
+
+    @property
+    def most_again(self) -> int:
+        """Most evaluations of scoring those of earlier slices in another image."""
+        return len(self.kept) * self.searcher.most_again
+
+    def scored(self, around: Around, ranking: Ranking, sought: Sought, tried: TriedPoses) -> list[Candidate]:
+        """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits.
+
+        While poses from all sides are left to be scored, that of one fit. Of these only those are told about which no
+        pose was fitted yet.
+        """
+        work, reserve = self.fitter.work, self.fitter.cost(2)
+        until = work.done + min(work.left // 2, work.left - reserve)
+        kept = [found for each in self.kept for found in taken(self.searcher.again(around.target, each), work)]
+        near = [ranking.weighed(each) for each in self.near(around, sought, until)]
+        if self.all_round:
+            sides = around._replace(guesses=self.seen_from)
+            last = work.done + work.left - self.fitter.cost(1)
+            kept += self.overview.found(sought.image, sides, sought.range_m, work, last)
+        else:
+            kept += self.rounds.far(around, work, until)
+        kept = best_first([ranking.weighed(each) for each in kept])
+        if not self.all_round:
+            self.kept, self.waiting = kept[:CANDIDATES], False
+            return self.refined(best_first([*near, *self.kept]), CANDIDATES, around.target, ranking)
+        near = self.refined(best_first(near)[:CANDIDATES], CANDIDATES // 2, around.target, ranking)
+        kept = self.fresh(kept, tried, sought)[:KEPT]
+        self.kept = self.refined(kept, CANDIDATES // 2, around.target, ranking)
+        self.waiting = bool(kept)
+        return best_first([*near, *self.fresh(self.kept, tried, sought)])
+
+    def refined(self, best: list[Candidate], most: int, target: Target, ranking: Ranking) -> list[Candidate]:
+        """Candidates, best first, of which the best ones are refined as far as the work allows."""
+        work, reserve, best = self.fitter.work, self.fitter.cost(2), list(best)
+        for k, each in enumerate(best[:most]):
+            if work.left - reserve >= self.searcher.most_refining(len(each.seen.points)):
+                best[k] = ranking.weighed(*taken(self.searcher.refined(target, each), work))
+        return best_first(best)
+
+    def near(self, around: Around, sought: Sought, until: int) -> list[Candidate]:
+        """The best poses near the guesses: for half of the time once all of them were scored and the best fitted.
+
+        Or once all were scored, where poses from all sides are left.
+        """
+        work, once = self.fitter.work, self.rounds.next_guess >= len(around.guesses)
+        share = (until - work.done) // 2 if self.near_done or (once and self.looking) else 0
+        near = self.rounds.near(around, work, until - share)
+        if may_be_off_by(0.5 * self.config.search.view_step_rad, sought):
+            near = self.rounds.beside(near, around.target, work, until - (share if self.looking else 0))
+        return near
+
+    def fresh(self, candidates: list[Candidate], tried: TriedPoses, sought: Sought) -> list[Candidate]:
+        """Candidates about which no pose was fitted yet, within a step of viewing directions."""
+        part = self.config.search.view_step_rad
+        return [each for each in candidates if tried.fitted.apart(each.pose, sought.range_m, part).all()]
+
+    def seen_from_there(self, candidate: Candidate, target: Target) -> Candidate:
+        """A candidate of an overview refined by the edges that are visible where it is by now, others as they are."""
+        work = self.fitter.work
+        if not self.all_round or work.left < self.searcher.sampling + self.searcher.most_refining(2 * EDGE_POINTS):
+            return candidate
+        work.done += self.searcher.sampling
+        there = candidate._replace(seen=self.searcher.seen(candidate.pose))
+        return taken(self.searcher.refined(target, there), work)[0]
+
+
+def may_be_off_by(part: float, sought: Sought) -> bool:
+    """Whether the standard deviation of the most likely guess is larger than a part of the range."""
+    sigma_m = float(np.sqrt(sought.covariance[:3, :3].trace() / 3))
+    return sigma_m > part * sought.range_m
