@@ -180,8 +180,8 @@ def test_lines_of_unlike_lengths_are_refused(tmp_path: Path) -> None:
     (tmp_path / "e.tum").write_text("\n".join([*text[:5], " ".join(text[5].split()[:8])]) + "\n")
     with pytest.raises(UserError, match="line 6 has 8 values, expected 29"):
         read_tum(tmp_path / "e.tum")
-    (tmp_path / "e.tum").write_text("\n".join(" ".join(line.split()[:20]) for line in text) + "\n")
-    with pytest.raises(UserError, match=r"20 values, so it is neither tum \(8, or 29 or 44 with a covariance\)"):
+    (tmp_path / "e.tum").write_text("\n".join(" ".join(line.split()[:21]) for line in text) + "\n")
+    with pytest.raises(UserError, match=r"21 values, so it is neither tum \(8, or 29 or 44 with a covariance\)"):
         evaluate_files(truth(), tmp_path / "e.tum")
 
 
