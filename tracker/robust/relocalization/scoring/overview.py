@@ -1,7 +1,6 @@
 """Overview after a loss: poses from all sides of the guesses, in so little detail that they take a few frames."""
 
 import math
-from itertools import product
 
 import numpy as np
 
@@ -17,10 +16,9 @@ from uavbench.tracker.robust.relocalization.scoring.pose_search import (
     Candidate,
     PoseSearch,
     Reach,
-    grid,
 )
 from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
-from uavbench.tracker.robust.relocalization.scoring.rounds import Around, Turn, best_first, taken
+from uavbench.tracker.robust.relocalization.scoring.rounds import Around, best_first, taken, views
 from uavbench.tracker.robust.work import COARSE_DISTANCES, Work
 
 STEP_RAD = 0.08 * math.pi
@@ -44,9 +42,7 @@ class Overview:
         self.fine = fine
         self.coarse = PoseSearch(fitter.edges, camera, fitter.view.near, fitter.config, COARSE)
         reach = Reach(self.coarse.step_part, RANGE_PART, SHIFT_PART)
-        turns = map(Turn._make, product(grid(AZIMUTH_RAD, STEP_RAD), grid(ELEVATION_RAD, STEP_RAD)))
-        nearest_first = sorted(turns, key=lambda turn: turn.azimuth_rad**2 + turn.elevation_rad**2)
-        self.blocks = [self.coarse.block(*turn, reach) for turn in nearest_first]
+        self.blocks = [self.coarse.block(*turn, reach) for turn in views(AZIMUTH_RAD, ELEVATION_RAD, STEP_RAD)]
         low, high = (bound(fitter.edges.ends.reshape(-1, 3), axis=0) for bound in (np.min, np.max))
         self.middle, self.radius_m = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
         half_view = math.atan(0.5 * float(np.min(self.coarse.camera.size_px / self.coarse.f[:2])))

@@ -45,7 +45,8 @@ class Rounds:
         far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
         far = Reach(far_roll_rad, FAR_RANGE_PART, FAR_SHIFT_PART, FAR_STEP_FACTOR)
         self.near_block = searcher.block(0.0, 0.0, near)
-        self.far_blocks = [searcher.block(*turn, far) for turn in views(step.view_step_rad)]
+        turns = views(FAR_VIEW_RAD, FAR_VIEW_RAD / 2, step.view_step_rad)
+        self.far_blocks = [searcher.block(*turn, far) for turn in turns]
         nearest = Reach(step.step_part, step.step_part, step.truncation_px / searcher.size[0])
         turn = searcher.turn_rad
         sides = (Turn(turn, 0.0), Turn(-turn, 0.0), Turn(0.0, turn), Turn(0.0, -turn))
@@ -119,7 +120,7 @@ def best_first(candidates: list[Candidate]) -> list[Candidate]:
     return sorted(candidates, key=lambda each: -each.score)
 
 
-def views(step: float) -> list[Turn]:
-    """Rotations to the viewing directions far from a guess, at most a step (rad) apart, nearest first."""
-    turns = map(Turn._make, product(grid(FAR_VIEW_RAD, step), grid(FAR_VIEW_RAD / 2, step)))
+def views(azimuth_rad: float, elevation_rad: float, step: float) -> list[Turn]:
+    """Rotations to the viewing directions as far as these from a guess, at most a step (rad) apart, nearest first."""
+    turns = map(Turn._make, product(grid(azimuth_rad, step), grid(elevation_rad, step)))
     return sorted(turns, key=lambda turn: turn.azimuth_rad**2 + turn.elevation_rad**2)
