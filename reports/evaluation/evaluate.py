@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Unpack
 
+from uavbench.reports.evaluation.doubts.order_of_columns import doubts_of_order
 from uavbench.reports.evaluation.doubts.same_sequence import doubts_of_clocks, doubts_of_sequence
 from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
 from uavbench.reports.evaluation.find_trajectory import Found
@@ -72,6 +73,8 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
     except UserError as error:
         raise UserError(f"{reference.name} against {estimate.name}: {error}") from None
     done.record["doubts"] += doubts_of_sequence(first.file, second.file)
+    formats = (options.get("reference_format"), options.get("estimate_format"))
+    done.record["doubts"] += doubts_of_order(first, second, formats)
     done.record["doubts"] += doubts_of_clocks(first.clock, second.clock, chosen.offset_s)
     return done
 

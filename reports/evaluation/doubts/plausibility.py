@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from uavbench.reports.evaluation.gaps import usual_step_ns
 from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.association import PosePairs
 from uavbench.reports.metrics.quaternions import between, conjugate
@@ -24,6 +25,9 @@ STILL_RAD, CONSTANT = np.radians(1.0), 0.1
 """Median turn since the first pose below which any rotation is constant; spread of a constant one in such turns."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
+SLOWEST_NS, FASTEST_NS = 10**10, 10**5
+"""Usual steps in ns between the poses of both files from which on, and up to which, the stamps may be in another unit: no
+camera, motion capture or tracker gives a pose every 10 s or every 0.1 ms."""
 SECOND_NS, LASTS = 10**9, 2.0
 """Step of the numbers of frames that were taken for stamps, and how much longer than the other file they last."""
 REPEATED, MOVED = 5, 5.0
@@ -91,6 +95,13 @@ def doubts_of_stamps(reference: Trajectory, estimate: Trajectory) -> Iterator[st
             "format (TUM: seconds, EuRoC: nanoseconds)?"
         )
         return
+    steps_ns = [usual_step_ns(each.stamps_ns) for each in (reference, estimate)]
+    if max(steps_ns) <= FASTEST_NS or SLOWEST_NS <= min(steps_ns) < np.inf:
+        yield (
+            f"the poses of the reference are {steps_ns[0] / SECOND_NS:.2g} s apart, those of the estimate "
+            f"{steps_ns[1] / SECOND_NS:.2g} s: are the stamps of both in another unit than that of their format (TUM: "
+            "seconds, EuRoC: nanoseconds)? Pairs and times in seconds are then wrong"
+        )
     for whose, counted, other in (("estimate", estimate, theirs), ("reference", reference, ours)):
         steps = np.diff(counted.stamps_ns)
         if len(steps) > 1 and (steps == SECOND_NS).all() and float(steps.sum()) > LASTS * other > 0:
