@@ -19,7 +19,7 @@ from uavbench.scenes.model_files.referenced_files import is_beside, is_there
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS
 from uavbench.trajectories.files.reading import json_value
-from uavbench.trajectories.geometry.winding import merged
+from uavbench.trajectories.geometry.winding import first_of_equal, merged
 from uavbench.trajectories.pose import Array
 
 MOST_MATERIALS = 2_000
@@ -109,19 +109,25 @@ class Closedness(NamedTuple):
 def closedness(vertices: Array, triangles: np.ndarray) -> Closedness:
     """Open edges and signed volume of a mesh of vertices (n, 3) in metres and triangles (m, 3).
 
-    Identical vertices are merged first.
+    Identical vertices are merged first. Where edges are open, triangles that are there twice count once.
     """
     corners = merged(vertices, triangles)
+    if open_edges := _open_edges(corners, len(vertices)):
+        once = np.unique(first_of_equal(corners))
+        triangles, open_edges = triangles[once], _open_edges(corners[once], len(vertices))
+    a, b, c = (vertices[triangles[:, k]] - vertices[0] for k in range(3))
+    return Closedness(open_edges, float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6))
+
+
+def _open_edges(corners: np.ndarray, n: int) -> int:
+    """Number of edges of triangles (m, 3) of n merged vertices that are not passed as often in both directions."""
     directed = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     directed = directed[directed[:, 0] != directed[:, 1]]
-    n = len(vertices)
     key = np.minimum(*directed.T) * n + np.maximum(*directed.T)
     sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
     _, which = np.unique(key, return_inverse=True)
     balance = np.bincount(which.reshape(-1), weights=sign)
-    a, b, c = (vertices[triangles[:, k]] - vertices[0] for k in range(3))
-    open_edges = int(np.abs(balance).astype(np.int64).astype(bool).sum())
-    return Closedness(open_edges, float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6))
+    return int(np.abs(balance).astype(np.int64).astype(bool).sum())
 
 
 def check_file(path: Path, data: bytes) -> None:

@@ -122,6 +122,21 @@ def test_an_open_mesh_is_refused_unless_allowed(tmp_path: Path) -> None:
     assert len(built(tmp_path / "open.ply", allow_open=True).structure.edges) > 0
 
 
+@pytest.mark.parametrize("kind", ["obj", "ply", "stl", "glb"])
+@pytest.mark.parametrize("again", [[0], [0, 5, 5], range(12)])
+def test_triangles_that_are_there_twice_do_not_open_a_mesh(tmp_path: Path, again: list[int], kind: str) -> None:
+    """In each format, of a few triangles as of all; what is missing all the same is counted without the copies."""
+    mesh = house()
+    for name, kept in (("closed", mesh.faces), ("open", mesh.faces[:-1])):
+        faces = np.concatenate([kept, np.roll(kept[[k % len(kept) for k in again]], 1, axis=1)])
+        trimesh.Trimesh(mesh.vertices, faces, process=False).export(tmp_path / f"{name}.{kind}")
+    assert len(built(tmp_path / f"closed.{kind}").structure.edges) == 12
+    with pytest.raises(UserError, match="the mesh is open: 3 of its edges"):
+        built(tmp_path / f"open.{kind}")
+    found = built(tmp_path / f"open.{kind}", allow_open=True)
+    assert len(found.structure.edges) == 13 and len(found.structure.triangles) == 11
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_triangles_that_face_the_other_way_make_no_edges(tmp_path: Path, seed: int) -> None:
     """Of a closed model as of an open one, and what is drawn faces outwards, too."""

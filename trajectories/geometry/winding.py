@@ -38,6 +38,18 @@ def merged(vertices: Array, triangles: Indices) -> Indices:
     return np.asarray(same[triangles], dtype=np.int64)
 
 
+def first_of_equal(corners: Indices) -> Indices:
+    """For each of the triangles (m, 3) the first one with its corners on its side: itself, if it is no copy."""
+    lowest = corners.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(corners, (lowest + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(turned.T)  # stable: of equal ones the first one leads
+    leads = np.ones(len(corners), dtype=np.bool_)
+    leads[1:] = (np.diff(turned[order], axis=0) != 0).any(axis=1)
+    first = np.empty(len(corners), dtype=np.int64)
+    first[order] = order[leads][np.cumsum(leads) - 1]
+    return first
+
+
 def wound_against(vertices: Array, triangles: Indices) -> Mask:
     """Mask (m,) of the triangles (m, 3) to be turned, for neighbours to face the same way; vertices (n, 3) in metres.
 
@@ -47,11 +59,21 @@ def wound_against(vertices: Array, triangles: Indices) -> Mask:
     that agree with themselves do, too, except closed ones that face inwards, as mirrored copies of parts do, and of
     which the rays see the back: of a cavity they do not. Those within the bounds of another body stay as well, as rooms
     in a shell that is open somewhere. Where the closed bodies hold less than nothing in all, the
-    whole mesh faces inwards, and none of them is turned.
+    whole mesh faces inwards, and none of them is turned. Of triangles that are there twice each goes with the first.
     """
     if not (len(triangles) and (np.abs(vertices) < FARTHEST).all()):
         return np.zeros(len(triangles), dtype=np.bool_)
-    joints = _joints(merged(vertices, triangles))
+    joined = merged(vertices, triangles)
+    first = first_of_equal(joined)
+    once = np.flatnonzero(first == np.arange(len(first)))
+    out = np.zeros(len(triangles), dtype=np.bool_)
+    out[once] = _turned_of(vertices, triangles[once], joined[once])
+    return out[first]
+
+
+def _turned_of(vertices: Array, triangles: Indices, joined: Indices) -> Mask:
+    """The mask (m,) of triangles (m, 3) of which none is another one again; joined: those of merged vertices."""
+    joints = _joints(joined)
     bodies = _bodies(joints, len(triangles))
     disagrees = np.bincount(bodies.body[joints.one], joints.against, minlength=len(triangles)) > 0
     corners = vertices[triangles]
