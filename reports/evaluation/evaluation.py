@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from uavbench.reports.evaluation.doubts.clock_offset import Compared, doubts_of_offset
 from uavbench.reports.evaluation.doubts.other_frames import doubts_of_frames
 from uavbench.reports.evaluation.doubts.plausibility import doubts, doubts_of_stamps
+from uavbench.reports.evaluation.doubts.unpaired_stamps import doubts_of_pairing
 from uavbench.reports.evaluation.gaps import longest_step_ns, usual_step_ns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.json_values import json_values
@@ -203,6 +204,7 @@ def evaluate(
     told = [
         *doubts(reference, estimate, raw, options.align),
         *doubts_of_offset(Compared(reference, estimate, rows.estimate, options), stamped),
+        *doubts_of_pairing(reference, estimate, rows, options),
     ]
     interval = options.interval
     i, j = interval_pairs(pairs, interval)

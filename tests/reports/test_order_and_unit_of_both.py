@@ -56,7 +56,9 @@ def test_an_order_that_is_told_is_not_doubted(tmp_path: Path) -> None:
     assert not doubts(tmp_path, one, other, estimate_format="euroc")
 
 
-@pytest.mark.parametrize(("unit", "decimals", "step_s"), [(1e6, 0, 0.05), (1e6, 0, 0.1), (1e3, 0, 0.05), (1e3, 3, 0.05)])
+@pytest.mark.parametrize(
+    ("unit", "decimals", "step_s"), [(1e6, 0, 0.05), (1e6, 0, 0.1), (1e3, 0, 0.05), (1e3, 3, 0.05)]
+)
 def test_stamps_of_both_in_another_unit_are_doubted(tmp_path: Path, unit: float, decimals: int, step_s: float) -> None:
     """Milli- and microseconds: of EuRoC 50 us apart or less, of TUM 50 s apart."""
     first, second = (rows(seed, "xyzw", unit, step_s, decimals) for seed in (0, 1))

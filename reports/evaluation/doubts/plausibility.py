@@ -26,7 +26,7 @@ STILL_RAD, CONSTANT = np.radians(1.0), 0.1
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
 SLOWEST_NS, FASTEST_NS = 10**10, 10**5
-"""Usual steps in ns between the poses of both files from which on, and up to which, the stamps may be in another unit: no
+"""Usual steps in ns between the poses of both files from which on, and up to which, stamps may be in another unit: no
 camera, motion capture or tracker gives a pose every 10 s or every 0.1 ms."""
 SECOND_NS, LASTS = 10**9, 2.0
 """Step of the numbers of frames that were taken for stamps, and how much longer than the other file they last."""

@@ -1,0 +1,65 @@
+"""Poses that both files have, but at stamps too far apart to be paired, are told: they count against the coverage."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from uavbench.bench.cli.main import main
+from uavbench.reports.evaluation.evaluate import evaluate_files
+from uavbench.trajectories.trajectory import Trajectory
+
+SAID = "count as poses that are missing"
+
+
+def circle(rate_hz: float, first_s: float = 0.0, gap_s: tuple[float, float] = (0.0, 0.0)) -> Trajectory:
+    """Poses at a rate for 20 s of a circle, without those of a gap."""
+    t = first_s + np.arange(0.0, 20.0, 1 / rate_hz)
+    t = t[(t < gap_s[0]) | (t >= gap_s[1])]
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    return Trajectory(np.rint(t * 1e9).astype(np.int64), np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), still)
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 27.0])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_rates_that_do_not_fit_are_told(rate_hz: float, swapped: bool) -> None:
+    """Of 20 Hz and 30 Hz every second pose of the sparser file has its nearest one 17 ms away."""
+    files = (circle(20.0), circle(rate_hz))
+    first, second = files[::-1] if swapped else files
+    found = evaluate_files(first, second)
+    assert found.coverage < 0.6
+    (said,) = found.record["doubts"]
+    assert SAID in said and f"of 400 poses of the {'estimate' if swapped else 'reference'}" in said
+    needed = float(said.split("--max-diff ")[1].split()[0])
+    again = evaluate_files(first, second, max_difference_s=needed)
+    assert again.coverage == pytest.approx(1.0, abs=0.01) and not again.record["doubts"]
+
+
+@pytest.mark.parametrize(
+    ("reference", "estimate"),
+    [
+        (circle(20.0), circle(20.0)),
+        (circle(200.0), circle(30.0)),
+        (circle(20.0), circle(40.0, first_s=0.004)),
+        (circle(20.0), circle(20.0, gap_s=(3.0, 9.0))),
+        (circle(20.0, gap_s=(3.0, 9.0)), circle(20.0)),
+        (circle(20.0), circle(5.0)),
+        (circle(20.0), circle(20.0, first_s=10.0)),
+    ],
+)
+def test_frames_that_are_missing_leave_no_doubt(reference: Trajectory, estimate: Trajectory) -> None:
+    assert not [line for line in evaluate_files(reference, estimate).record["doubts"] if SAID in line]
+
+
+def test_an_offset_is_taken_into_account(tmp_path: Path) -> None:
+    found = evaluate_files(circle(20.0), circle(30.0, first_s=5.0), t_offset_s=-5.0)
+    assert any(SAID in line for line in found.record["doubts"])
+
+
+def test_the_command_tells_it(tmp_path: Path) -> None:
+    for name, way in (("a.tum", circle(20.0)), ("b.tum", circle(30.0))):
+        rows = zip(way.stamps_ns.tolist(), way.positions_m.tolist(), strict=True)
+        (tmp_path / name).write_text("".join(f"{ns / 1e9:.9f} {x} {y} {z} 0 0 0 1\n" for ns, (x, y, z) in rows))
+    done = CliRunner().invoke(main, ["evaluate", str(tmp_path / "a.tum"), str(tmp_path / "b.tum")])
+    assert done.exit_code == 0 and "doubt: " in done.output and "--max-diff 0.016" in done.output, done.output
