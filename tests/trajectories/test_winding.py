@@ -109,3 +109,15 @@ def test_a_room_in_a_shell_that_is_open_somewhere_faces_inwards_still(missing):
     vertices = np.concatenate([inner[0], outer[0], more[0]])
     triangles = np.concatenate([inner[1][:, ::-1], walls + 36, more[1] + 72])
     assert not wound_against(vertices, triangles).any()
+
+
+@pytest.mark.parametrize("again", [[0], [3, 3, 7], range(11)])
+def test_copies_of_triangles_beside_a_hole_are_not_turned(again):
+    """At a hole the two copies of a triangle share an edge with no third, and pass it the same way."""
+    vertices, triangles = np.asarray(BODIES["box"].vertices), np.asarray(BODIES["box"].faces)[:-1]
+    copies = np.roll(triangles[list(again)], 1, axis=1)
+    assert not wound_against(vertices, np.concatenate([triangles, copies])).any()
+    turned = np.zeros(len(triangles), dtype=bool)
+    turned[5] = True
+    wrong = np.concatenate([with_turned(triangles, turned), with_turned(triangles, turned)])
+    assert wound_against(vertices, wrong).tolist() == [*turned, *turned]
