@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uavbench.reports.evaluation.doubts.clock_offset import Compared, doubts_of_offset
 from uavbench.reports.evaluation.doubts.other_frames import doubts_of_frames
 from uavbench.reports.evaluation.doubts.plausibility import doubts, doubts_of_stamps
-from uavbench.reports.evaluation.doubts.unpaired_stamps import doubts_of_pairing
+from uavbench.reports.evaluation.doubts.unpaired_stamps import doubts_of_motion, doubts_of_pairing
 from uavbench.reports.evaluation.gaps import longest_step_ns, usual_step_ns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.json_values import json_values
@@ -209,6 +209,7 @@ def evaluate(
     interval = options.interval
     i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
+    told += doubts_of_motion(reference, estimate, rows, options, position_m)
     sizes = motion_error_sizes(pairs, i, j)
     motion_m, turn_rad = sizes
     lengths: tuple[float, ...] = ()

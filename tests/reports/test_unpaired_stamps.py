@@ -11,6 +11,7 @@ from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.trajectories.trajectory import Trajectory
 
 SAID = "count as poses that are missing"
+MOTION = "it is mostly this motion"
 
 
 def circle(rate_hz: float, first_s: float = 0.0, gap_s: tuple[float, float] = (0.0, 0.0)) -> Trajectory:
@@ -29,10 +30,10 @@ def test_rates_that_do_not_fit_are_told(rate_hz: float, swapped: bool) -> None:
     first, second = files[::-1] if swapped else files
     found = evaluate_files(first, second)
     assert found.coverage < 0.6
-    (said,) = found.record["doubts"]
+    (said,) = [line for line in found.record["doubts"] if SAID in line]
     assert SAID in said and f"of 400 poses of the {'estimate' if swapped else 'reference'}" in said
     needed = float(said.split("--max-diff ")[1].split()[0])
-    again = evaluate_files(first, second, max_difference_s=needed)
+    again = evaluate_files(first, second, max_difference_s=needed, association="evo-interpolated")
     assert again.coverage == pytest.approx(1.0, abs=0.01) and not again.record["doubts"]
 
 
@@ -50,6 +51,39 @@ def test_rates_that_do_not_fit_are_told(rate_hz: float, swapped: bool) -> None:
 )
 def test_frames_that_are_missing_leave_no_doubt(reference: Trajectory, estimate: Trajectory) -> None:
     assert not [line for line in evaluate_files(reference, estimate).record["doubts"] if SAID in line]
+
+
+def test_a_difference_that_exceeds_the_limit_by_rounding_alone_is_told_with_a_larger_one() -> None:
+    """Stamps 10 ms apart: as differences of seconds in 64 bits some are 0.010000000000000009."""
+    first, second = circle(20.0), circle(20.0, first_s=0.01)
+    (said,) = [line for line in evaluate_files(first, second).record["doubts"] if SAID in line]
+    needed = float(said.split("--max-diff ")[1].split()[0])
+    assert needed == pytest.approx(0.0101)
+    assert evaluate_files(first, second, max_difference_s=needed).coverage == 1.0
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 25.0])
+def test_motion_between_the_stamps_of_pairs_is_told(rate_hz: float) -> None:
+    """A true estimate whose poses are 4 ms later than those of the reference, at 1 m/s: 4 mm that are no error."""
+    first, second = circle(rate_hz), circle(rate_hz, first_s=0.004)
+    found = evaluate_files(first, second)
+    assert found.ate["translation_m"].rmse == pytest.approx(0.004, rel=0.01)
+    (said,) = [line for line in found.record["doubts"] if MOTION in line]
+    assert "up to 4 ms apart" in said and "moves by 4 mm (rms)" in said
+    again = evaluate_files(first, second, association="evo-interpolated")
+    assert again.ate["translation_m"].rmse < 0.0006 and not again.record["doubts"]
+
+
+def test_motion_that_is_little_of_the_error_and_an_offset_that_is_given_leave_no_doubt() -> None:
+    first, second = circle(20.0), circle(20.0, first_s=0.004)
+    noisy = Trajectory(
+        second.stamps_ns,
+        second.positions_m + np.random.default_rng(0).normal(0, 0.01, second.positions_m.shape),
+        second.quaternions_wxyz,
+    )
+    late = Trajectory(first.stamps_ns + 4_000_000, first.positions_m, first.quaternions_wxyz)
+    for found in (evaluate_files(first, noisy), evaluate_files(first, late, t_offset_s=-0.004)):
+        assert not [line for line in found.record["doubts"] if MOTION in line]
 
 
 def test_an_offset_is_taken_into_account(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Whether poses that both files have were left out because their stamps differ by more than the largest difference."""
+"""What stamps that differ do to an evaluation: poses that were left out, and motion that counts as error."""
 
 from collections.abc import Iterator
 
@@ -8,10 +8,15 @@ from numpy.typing import NDArray
 from uavbench.reports.evaluation.gaps import LOST_FRAMES, usual_step_ns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.metrics.association import NS, Matches
+from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
 MANY = 0.1
 """Share of the poses of the sparser file from which on those that were left out are told."""
+STEP_S = 1e-4
+"""Step to which the largest difference that is advised is rounded up."""
+LEAST_M, MOSTLY = 1e-5, 0.5
+"""Motion between the stamps of pairs, in m and in position errors, from which on it is told."""
 
 
 def doubts_of_pairing(reference: Trajectory, estimate: Trajectory, rows: Matches, options: Options) -> Iterator[str]:
@@ -27,11 +32,12 @@ def doubts_of_pairing(reference: Trajectory, estimate: Trajectory, rows: Matches
     away = _to_nearest(few[left], many, LOST_FRAMES * step_ns)
     count = int(np.isfinite(away).sum())
     if count > MANY * len(few):
-        most_s = np.ceil(float(away[np.isfinite(away)].max()) / NS * 1e4) / 1e4
+        most_s = max(float(away[np.isfinite(away)].max()) / NS, options.max_difference_s) + STEP_S
         yield (
             f"{count} of {len(few)} poses of the {name} lie between two of the {other} and farther than "
             f"{options.max_difference_s:g} s from both: they were left out, and count as poses that are missing. Give "
-            f"--max-diff {most_s:g} to pair them, too"
+            f"--max-diff {np.ceil(most_s / STEP_S) * STEP_S:g} --association "
+            "evo-interpolated to compare them, too"
         )
 
 
@@ -44,3 +50,21 @@ def _to_nearest(stamps_ns: NDArray[np.int64], among_ns: NDArray[np.int64], longe
     nearest = np.minimum(stamps_ns[inside] - low, high - stamps_ns[inside])
     out[inside] = np.where(high - low <= longest_ns, nearest, np.inf)
     return out
+
+
+def doubts_of_motion(
+    reference: Trajectory, estimate: Trajectory, rows: Matches, options: Options, error_m: Array
+) -> Iterator[str]:
+    """A sentence where position errors (n,) are about what the vehicle moves between the two stamps of each pair."""
+    if options.association == "evo-interpolated" or len(reference) < 2:
+        return
+    apart_s = (reference.stamps_ns[rows.reference] - estimate.stamps_ns[rows.estimate]) / NS - options.offset_s
+    times_s = (reference.stamps_ns - reference.stamps_ns[0]) / NS
+    speed_m_s = np.linalg.norm(np.gradient(reference.positions_m, times_s, axis=0), axis=1)[rows.reference]
+    moved_m, rmse_m = (float(np.sqrt(np.mean(each**2))) for each in (apart_s * speed_m_s, error_m))
+    if moved_m > LEAST_M and moved_m > MOSTLY * rmse_m:
+        yield (
+            f"the stamps of paired poses are up to {np.abs(apart_s).max() * 1e3:.2g} ms apart, in which the reference "
+            f"moves by {moved_m * 1e3:.2g} mm (rms), and the position error is {rmse_m * 1e3:.2g} mm: it is mostly "
+            "this motion. Give --association evo-interpolated, which interpolates the longer file"
+        )
