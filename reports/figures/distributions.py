@@ -20,6 +20,9 @@ from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM, chi_squ
 from uavbench.reports.uncertainty.nees import nees
 from uavbench.trajectories.pose import Array
 
+LEAST_NEES = 0.01
+"""Lower end of the axis of NEES, for the run of the least median in medians if that is below 1."""
+
 
 def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], stem: Path) -> list[Path]:
     """Write `draw_by_attribute` as files at a stem; their paths."""
@@ -62,6 +65,7 @@ def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of a consistent tracker")
     panel.axhline(DEGREES_OF_FREEDOM, color=GROUND_TRUTH, lw=0.7, ls=":")
     rows: list[list[Any]] = []
+    usual: list[float] = []
     fastest_hz = max((run.score.rate_hz for run in runs), default=0.0)
     for run in runs:
         values = nees(run.sequence, run.results)
@@ -71,8 +75,11 @@ def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
         t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / 1e9
         look = line(run.colour, slower=run.score.rate_hz < fastest_hz)
         panel.plot(t, values, label=run.title, **look, **dots_where_alone(values))
+        usual += [median] if (median := float(np.nanmedian(values))) > 0 else []
         rows += [[run.name, s, finite(v)] for s, v in zip(t.tolist(), values.tolist(), strict=True)]
     logarithmic(panel.yaxis)
+    if usual:  # the given pose of a first frame has round-off for an error
+        panel.set_ylim(bottom=max(panel.get_ylim()[0], min(LEAST_NEES, LEAST_NEES * min(usual))))
     panel.set_xlabel("time (s)")
     panel.set_ylabel("NEES")
     return Drawn(columns=["run", "time_s", "nees"], rows=rows, legend={"ncols": 3})

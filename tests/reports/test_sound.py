@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.figures import distributions as figures_statistics
@@ -117,6 +118,21 @@ def test_the_report_draws_what_is_sound(sequence, good, tmp_path):
     runs = open_runs([ReportEntry(TRIAL, tmp_path / "run", tmp_path / "run" / "score.json")])
     assert not runs[0].errors.ok[BAD + 1]
     figures_statistics.nees_over_time(runs, tmp_path / "nees")
+
+
+@pytest.mark.parametrize("usual", [6.0, 1e-3])
+def test_a_first_pose_without_error_does_not_stretch_the_axis_of_nees(sequence, good, usual, tmp_path, monkeypatch):
+    """The pose that a tracker is given has round-off for an error, and a NEES of 1e-26."""
+    good.save(tmp_path / "run")
+    score(sequence, good).save(tmp_path / "run" / "score.json")
+    runs = open_runs([ReportEntry(TRIAL, tmp_path / "run", tmp_path / "run" / "score.json")])
+    values = np.full(len(sequence), usual)
+    values[0] = 1e-26
+    monkeypatch.setattr(figures_statistics, "nees", lambda *_: values)
+    panel = Figure().subplots()
+    figures_statistics.draw_nees_over_time(runs, panel)
+    low, high = panel.get_ylim()
+    assert 1e-6 < low < usual < high
 
 
 @pytest.mark.parametrize(
