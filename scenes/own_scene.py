@@ -30,6 +30,11 @@ BRIGHTEST = 100.0
 COMPARED_S = (0.0, 0.5)
 """Times, in s, at which the poses of movers are compared: its start, and one that few sequences are too short for."""
 
+OF_THE_SEED = (
+    "take all random numbers from the `rng` that it is given, and nothing from the clock, the order of a set, or an "
+    "earlier call"
+)
+
 Built = TypeVar("Built", BuiltStructure, BuiltEnvironment, BuiltClutter, BuiltSite)
 
 
@@ -38,13 +43,37 @@ def same_twice(plugin: object, build: Callable[[], Built]) -> Built:
 
     What depends on more than its parameters and the generator given to it differs in every run of one seed.
     """
-    built = build()
-    if not _alike(built, build()):
-        raise UserError(
-            f"{_name(plugin)}: build gives something else each time; take all random numbers from the `rng` that it is "
-            "given, and nothing from the clock, the order of a set, or an earlier call"
-        )
-    return built
+    return _built_twice(plugin, build)[0]
+
+
+def clutter_same_twice(plugin: object, build: Callable[[], BuiltClutter]) -> BuiltClutter:
+    """As `same_twice`, of clutter; poses of its movers are compared, too, whenever one is asked for."""
+    built, again = _built_twice(plugin, build)
+    pairs = zip(built.movers, again.movers, strict=True)
+    return BuiltClutter(built.parts, tuple(_compared(plugin, number, *pair) for number, pair in enumerate(pairs)))
+
+
+def _built_twice(plugin: object, build: Callable[[], Built]) -> tuple[Built, Built]:
+    built, again = build(), build()
+    if not _alike(built, again):
+        raise UserError(f"{_name(plugin)}: build gives something else each time; {OF_THE_SEED}")
+    return built, again
+
+
+def _compared(plugin: object, number: int, mover: Mover, again: Mover) -> Mover:
+    """A mover whose poses are those of its second build, and of a second call, at all times that are asked for."""
+
+    def world_from_part(time_s: float) -> Pose:
+        pose = mover.world_from_part(time_s)
+        for other in (again, mover):
+            if not np.array_equal(pose.matrix, other.world_from_part(time_s).matrix):
+                raise UserError(
+                    f"clutter {_name(plugin)}: movers[{number}]: world_from_part gives two poses for {time_s:.3f} s; "
+                    "draw random numbers in build, and keep nothing from an earlier call"
+                )
+        return pose
+
+    return replace(mover, world_from_part=world_from_part)
 
 
 def _alike(one: Any, other: Any) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from uavbench.scenes.clutter.registry import CLUTTER, ON_GROUND
 from uavbench.scenes.materials.grain import grained
-from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure, same_twice
+from uavbench.scenes.own_scene import clutter_same_twice, own_clutter, own_environment, own_structure, same_twice
 from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
 from uavbench.scenes.renderables import (
     BuiltClutter,
@@ -202,7 +202,7 @@ def _placed(spec: SequenceSpec, number: int, bounds: Array, site: BuiltSite | No
     place = partial(_on_free_ground, spec, number, site)
     if type(clutter) in CLUTTER.values():
         return place(partial(clutter.build, bounds.copy()))
-    return same_twice(clutter, lambda: own_clutter(clutter, place(partial(clutter.build, bounds.copy()))))
+    return clutter_same_twice(clutter, lambda: own_clutter(clutter, place(partial(clutter.build, bounds.copy()))))
 
 
 def _on_free_ground(spec: SequenceSpec, number: int, site: BuiltSite | None, build: Callable[..., Placed]) -> Placed:

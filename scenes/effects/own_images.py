@@ -6,68 +6,108 @@ No file tells this later.
 from collections.abc import Callable
 from copy import copy, deepcopy
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View
 from uavbench.scenes.rendering.radiance import Radiance
 from uavbench.trajectories.errors import UserError
 
-FRAMES_MADE_TWICE = 3
-"""First frames that are made a second time: an effect that keeps state shows it from the second one on."""
 MOST_MEDIAN = 16.0
 """Largest median of a frame in parts of white: four stops beyond it; grey levels of 0 to 255 have more."""
 OF_THE_GROUND_TRUTH = ("camera", "pinhole", "lens", "cam_from_world")
 """Parts of a simulator from which the ground truth and the calibration follow, whatever an effect does."""
 COMPARED = ("camera", "pinhole")
 """Those of them that are compared by their values."""
+OF_THE_SEED = (
+    "take all random numbers from the `rng` that start is given, and nothing from the clock or an earlier call"
+)
 LEAST_MEDIAN = -0.1
 """Smallest one: noise about black, or a black level that is taken off, leaves a dark frame slightly below 0."""
 
 
+Answer = Radiance | View | None
+
+
 @dataclass(eq=False)
 class Seen:
-    """Images that users' effects gave for one frame, with the names of the effects, in order; kept only while asked."""
+    """Images that users' effects gave for one frame, with the names of the effects, in order."""
 
-    asked: bool = True
     images: list[tuple[str, Radiance | None]] = field(default_factory=list)
 
     def add(self, name: str, image: Radiance | None) -> None:
         """Keep a copy of an image of the effect of a name."""
-        if self.asked:
-            self.images.append((name, None if image is None else image.copy()))
+        self.images.append((name, None if image is None else image.copy()))
 
 
-def same_twice(start: Callable[[Seen], CameraSimulator]) -> CameraSimulator:
-    """The simulator that `start` makes of a user's effects, whose first frames are made a second time, apart.
+class Recorded:
+    """A camera under users' effects: what it answers for a frame is kept, and given to those effects a second time.
+
+    So a second pass renders nothing, and draws no random numbers of effects of ours.
+    """
+
+    def __init__(self, camera: CameraSimulator, effects: str) -> None:
+        self._camera, self._effects, self._answers = camera, effects, dict[tuple[int | str, ...], list[Answer]]()
+
+    def first(self) -> CameraSimulator:
+        """The camera, whose answers are kept."""
+        return self._asked(self._answer)
+
+    def again(self) -> CameraSimulator:
+        """A camera that gives the answers kept; UserError for a question that was not asked the first time."""
+        return self._asked(self._kept)
+
+    def forget(self) -> None:
+        """Drop the answers of a frame."""
+        self._answers.clear()
+
+    def _asked(self, answer: Callable[..., Any]) -> CameraSimulator:
+        render, expose, image = (partial(answer, name) for name in ("render", "expose", "image"))
+        return replace(self._camera, render=render, expose=expose, image=image)
+
+    def _answer(self, name: str, *times_ns: int) -> Answer:
+        found: Answer = getattr(self._camera, name)(*times_ns)
+        copied = found.copy() if isinstance(found, np.ndarray) else found  # an effect may write to its image
+        self._answers.setdefault((name, *times_ns), []).append(copied)
+        return found
+
+    def _kept(self, name: str, *times_ns: int) -> Answer:
+        kept = self._answers.get((name, *times_ns))
+        if not kept:
+            asked = " to ".join(f"{time_ns / 1e9:.3f}" for time_ns in times_ns)
+            raise UserError(f"effect {self._effects}: it asks for another {name} each time, {asked} s; {OF_THE_SEED}")
+        return kept.pop(0)
+
+
+def same_twice(
+    camera: CameraSimulator, effects: str, start: Callable[[CameraSimulator, Seen], CameraSimulator]
+) -> CameraSimulator:
+    """The simulator that `start` makes of a camera by a user's effects, each frame of which is made a second time.
+
+    effects: their names, for messages.
 
     UserError naming the effect whose images then differ: its frames would be others in every run of one seed.
     """
-    one, other = Seen(), Seen()
-    source, again = start(one), start(other)
-    left = FRAMES_MADE_TWICE
+    one, other, recorded = Seen(), Seen(), Recorded(camera, effects)
+    source, again = start(recorded.first(), one), start(recorded.again(), other)
 
     def image(stamp_ns: int) -> Radiance | None:
-        nonlocal left
         found = source.image(stamp_ns)
-        if left:
-            again.image(stamp_ns)
-            _compare(one, other, stamp_ns)
-            left -= 1
-            one.asked = left > 0
+        again.image(stamp_ns)
+        _compare(one, other, stamp_ns)
+        recorded.forget()
         return found
 
-    return replace(source, image=image)
+    render = camera.render if isinstance(source.render, partial) else source.render
+    return replace(source, image=image, render=render)
 
 
 def _compare(one: Seen, other: Seen, stamp_ns: int) -> None:
     for (name, image), (_, second) in zip(one.images, other.images, strict=False):
         if not (image is second is None or (image is not None and second is not None and _same(image, second))):
-            raise UserError(
-                f"effect {name}: at {stamp_ns / 1e9:.3f} s it gives another image each time; take all random numbers "
-                "from the `rng` that start is given, and nothing from the clock or an earlier call"
-            )
+            raise UserError(f"effect {name}: at {stamp_ns / 1e9:.3f} s it gives another image each time; {OF_THE_SEED}")
     one.images.clear()
     other.images.clear()
 
@@ -85,13 +125,18 @@ def own_copy(effect: Any) -> Any:
     return own
 
 
+def name_of(effect: object) -> str:
+    """The name of a user's effect in a suite."""
+    return f"{type(effect).__module__}:{type(effect).__name__}"
+
+
 def checked(effect: object, source: CameraSimulator, camera: CameraSimulator, seen: Seen) -> CameraSimulator:
     """The simulator `source` that an effect made of `camera`; seen: gets its images.
 
     UserError for something else, for one of another camera or path than those of the ground truth, and for an image
     that cannot be one of a camera.
     """
-    name = f"{type(effect).__module__}:{type(effect).__name__}"
+    name = name_of(effect)
     if not isinstance(source, CameraSimulator):
         raise UserError(f"effect {name}: start gives a {type(source).__name__}; it takes a CameraSimulator")
     for part in OF_THE_GROUND_TRUTH:

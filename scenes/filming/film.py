@@ -3,12 +3,15 @@
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from uavbench.scenes.camera_path import mounted_path
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
-from uavbench.scenes.effects.own_images import Seen, checked, own_copy, same_twice
+from uavbench.scenes.effects.own_images import Seen, checked, name_of, own_copy, same_twice
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.filming.frames import Filming, write_frames
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, RenderCamera, ideal_camera
@@ -79,19 +82,23 @@ def with_effects(
     order = list(EFFECTS.values())
     ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
 
-    def start(seen: Seen) -> CameraSimulator:
-        found, number = source, dict.fromkeys((type(effect).__name__ for effect in ranked), -1)
-        for effect in ranked:
-            name = type(effect).__name__
-            number[name] += 1
-            rng = stream(seed, *of_camera, "effect", name, number[name])
-            if type(effect) in order:
-                found = effect.start(found, rng)
-            else:
-                found = checked(effect, own_copy(effect).start(found, rng), found, seen)
+    number = dict.fromkeys((type(effect).__name__ for effect in ranked), -1)
+    streams: list[Callable[[], np.random.Generator]] = []
+    for effect in ranked:
+        name = type(effect).__name__
+        number[name] += 1
+        streams.append(partial(stream, seed, *of_camera, "effect", name, number[name]))
+    ours = sum(type(effect) in order for effect in ranked)
+    for effect, rng in zip(ranked[:ours], streams, strict=False):
+        source = effect.start(source, rng())
+
+    def start(found: CameraSimulator, seen: Seen) -> CameraSimulator:
+        for effect, rng in zip(ranked[ours:], streams[ours:], strict=True):
+            found = checked(effect, own_copy(effect).start(found, rng()), found, seen)
         return found
 
-    return start(Seen(asked=False)) if all(type(effect) in order for effect in ranked) else same_twice(start)
+    names = ", ".join(map(name_of, ranked[ours:]))
+    return same_twice(source, names, start) if names else source
 
 
 def check_first_view(spec: SequenceSpec, source: CameraSimulator, time_ns: int = 0) -> None:

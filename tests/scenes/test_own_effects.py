@@ -143,11 +143,19 @@ def late(rng):
     yield from unseeded(rng)
 
 
-@pytest.mark.parametrize(("draw", "at_s"), [(kept, "0.000"), (unseeded, "0.000"), (late, "0.100")])
+def much_later(rng):
+    """Random from the sixth frame on, of the global generator."""
+    yield from [1.0] * 5
+    yield from iter(np.random.random, None)
+
+
+@pytest.mark.parametrize(
+    ("draw", "at_s"), [(kept, "0.000"), (unseeded, "0.000"), (late, "0.100"), (much_later, "0.500")]
+)
 def test_images_that_are_others_in_each_run_of_a_seed_are_told(draw, at_s):
     camera = with_effects(simulator(), (Drawn(lambda rng: iter(rng.random, None)), Drawn(draw)), 0)
     with pytest.raises(UserError, match=rf"effect .*:Drawn: at {at_s} s it gives another image each time; take all"):
-        for number in range(3):
+        for number in range(8):
             camera.image(number * 100_000_000)
 
 
@@ -157,6 +165,46 @@ def test_images_of_the_generator_given_to_an_effect_are_those_of_its_seed():
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)
     assert len({float(image[0, 0, 0]) for image in one}) == 6
+
+
+@dataclass(frozen=True)
+class Asking:
+    """An effect that sums images of two instants and writes to them."""
+
+    asked: list
+
+    def start(self, source, rng):
+        def image(stamp_ns):
+            self.asked.append(stamp_ns)
+            total = source.image(stamp_ns)
+            total *= np.float32(0.5)
+            total += source.expose(stamp_ns - 10, stamp_ns) + source.image(stamp_ns)
+            return total
+
+        return replace(source, image=image)
+
+
+def test_the_second_pass_of_a_frame_renders_nothing():
+    rendered = []
+
+    def light(*times_ns):
+        rendered.append(times_ns)
+        return LIGHT.copy()
+
+    camera = with_effects(replace(simulator(), image=light, expose=light), (Asking([]),), 0)
+    for stamp_ns in (100, 200):
+        np.testing.assert_array_equal(camera.image(stamp_ns), 2.5 * LIGHT)
+    assert rendered == [(100,), (90, 100), (100,), (200,), (190, 200), (200,)]
+
+
+def test_an_effect_that_asks_the_camera_for_other_images_each_time_is_told():
+    draws = iter([100, 101])
+    effect = Other({"image": None})
+    source = simulator()
+    ask = lambda self, found, rng: replace(found, image=lambda stamp_ns: found.image(next(draws)))  # noqa: E731
+    Asks = type("Asks", (Other,), {"start": ask})
+    with pytest.raises(UserError, match=r"effect .*:Asks: it asks for another image each time, 0\.000 s; take all"):
+        with_effects(source, (Asks(effect.parts),), 0).image(0)
 
 
 @dataclass

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uavbench.scenes.own_scene import own_clutter, own_environment, own_structure, same_twice
+from uavbench.scenes.own_scene import clutter_same_twice, own_clutter, own_environment, own_structure, same_twice
 from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltSite, BuiltStructure, Mover, nowhere
 from uavbench.scenes.scene import build_scene, confines_of, obstacles_of
 from uavbench.scenes.spec import SequenceSpec
@@ -96,6 +96,17 @@ def test_movers_that_go_elsewhere_in_a_second_build_are_told() -> None:
     assert same_twice(Own(), lambda: build(0.5)).movers
     with pytest.raises(UserError, match="something else each time"):
         same_twice(Own(), lambda: build(float(fickle.random())))
+
+
+@pytest.mark.parametrize("drawn", [np.random.random, iter(range(1, 99)).__next__])
+def test_a_mover_whose_poses_become_random_later_is_told_when_it_is_drawn(drawn: Any) -> None:
+    def moved(time_s: float) -> Pose:
+        return Pose(np.eye(3), np.array([drawn() if time_s > 3 else time_s, 0, 0]))
+
+    (mover,) = clutter_same_twice(Own(), lambda: BuiltClutter(movers=(Mover(BOX.parts[0], moved),))).movers
+    assert mover.world_from_part(2.0).translation[0] == 2.0
+    with pytest.raises(UserError, match=r"clutter .*:Own: movers\[0\]: world_from_part gives two poses for 3\.500 s"):
+        mover.world_from_part(3.5)
 
 
 @dataclass(frozen=True)

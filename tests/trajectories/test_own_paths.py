@@ -108,6 +108,19 @@ def test_guidance_step_by_step_of_the_given_generator_is_flown() -> None:
     assert fly(FlightSpec(path=RandomSteps("")), Mount(), BOX, 0).status == "completed"
 
 
+def test_guidance_that_becomes_random_in_flight_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = Stepwise.rows
+
+    def late(self: Stepwise, first: int, count: int, state: VehicleState | None) -> Array:
+        return rows(self, first, count, state) + (1e-4 * np.random.random() if first >= 250 else 0)  # noqa: NPY002
+
+    monkeypatch.setattr(Stepwise, "rows", late)
+    with pytest.raises(
+        UserError, match=r"path RandomSteps: rows of its plan gives others each time, at 0\.500 s; take"
+    ):
+        fly(FlightSpec(path=RandomSteps("")), Mount(), BOX, 0)
+
+
 def test_guidance_whose_rows_are_not_those_of_the_controller_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Stepwise, "rows", lambda self, first, count, state: PLAN.table[:count, :10])
     with pytest.raises(UserError, match=r"path RandomSteps: rows of its plan gives \(1, 10\).*\(1, 17\)"):

@@ -24,7 +24,11 @@ Differences from row to row, as of poses between which a log was interpolated, a
 """
 FEWEST = 2
 COMPARED = 10
-"""Rows of guidance step by step that are compared with those of a second plan, the vehicle at rest."""
+"""Rows of guidance step by step that are compared before the flight, the vehicle at rest; in flight all of them are."""
+OF_THE_SEED = (
+    "take all random numbers from the `rng` that it is given, and nothing from the clock, the order of a set, or an "
+    "earlier call"
+)
 
 
 def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
@@ -37,11 +41,26 @@ def plan(path: PathSpec, obstacles: ObstacleMesh, mount: Mount, rng: np.random.G
     found, again = (path.plan(obstacles, mount, deepcopy(rng)) for _ in range(2))
     _check(found)
     if type(found) is not type(again) or _bytes(found) != _bytes(again):
-        raise UserError(
-            "plan gives another plan each time; take all random numbers from the `rng` that it is given, and nothing "
-            "from the clock, the order of a set, or an earlier call"
-        )
-    return found if isinstance(found, Planned | Replay) else path.plan(obstacles, mount, rng)
+        raise UserError(f"plan gives another plan each time; {OF_THE_SEED}")
+    if isinstance(found, Planned | Replay):
+        return found
+    return _GuidedTwice(*(path.plan(obstacles, mount, deepcopy(rng)) for _ in range(2)))
+
+
+class _GuidedTwice:
+    """A user's guidance step by step, whose rows are compared with those of a second plan throughout the flight."""
+
+    def __init__(self, guidance: Any, again: Any) -> None:
+        self._guidance, self._again = guidance, again
+        self.warm_up: int = guidance.warm_up
+        self.steps: int = guidance.steps
+
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
+        """Rows (count, 17) of the guidance; UserError where a second plan has others for the same states."""
+        found = np.asarray(self._guidance.rows(first, count, state))
+        if not np.array_equal(found, np.asarray(self._again.rows(first, count, state)), equal_nan=True):
+            raise UserError(f"rows of its plan gives others each time, at {first * STEP_S:.3f} s; {OF_THE_SEED}")
+        return found
 
 
 def _bytes(found: Guidance | Replay) -> bytes:
