@@ -30,6 +30,7 @@ from uavbench.scenes.generate import generate
 from uavbench.scenes.spec import BodyCamera, CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.indoor import Indoor
+from uavbench.tracker.images.image_times import doubts_of_times
 from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
@@ -282,6 +283,26 @@ def test_colmap_has_a_camera_and_images_of_each_and_a_rig_of_those_that_expose_a
     assert rotation_log(Pose.from_quaternion(rig[1]["cam_from_rig_rotation"], [0, 0, 0]).rotation) == pytest.approx(
         np.zeros(3), abs=1e-9
     )
+
+
+@pytest.mark.parametrize("format", ["colmap", "transforms", "bop", "euroc", "tum"])
+def test_times_of_an_export_are_found_from_the_images_of_each_camera(
+    three: Sequence, tmp_path: Path, format: str
+) -> None:
+    """As they are for a user who tracks them: of COLMAP they stand beside the folder of the cameras' folders."""
+    out = tmp_path / format
+    export(three, format, out)
+    folders = {path.parent for path in out.rglob("*.png") if path.parent.name not in ("depth", "mask", "mask_visib")}
+    folders = {folder for folder in folders if not {"depths", "depth0"} & set(folder.parts)}
+    assert len(folders) == (3 if format in ("colmap", "euroc") else 1)
+    for folder in folders:
+        assert doubts_of_times(folder, 20.0) == []
+        (doubt,) = doubts_of_times(folder, 10.0)
+        assert "seems to hold the times of the images" in doubt
+    if format == "colmap":
+        lines = (out / "timestamps.csv").read_text().splitlines()
+        (out / "timestamps.csv").write_text("\n".join(line for line in lines if "right/000002" not in line))
+        assert [folder.name for folder in folders if doubts_of_times(folder, 20.0)] == ["right"]
 
 
 @pytest.mark.parametrize("format", sorted(set(EXPORTS) - {"euroc", "kalibr", "mcap", "rosbag2", "colmap"}))

@@ -1,6 +1,7 @@
 """Files with the times of images that lie beside them, as other tools write them; those of a folder are not read."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,10 @@ from uavbench.trajectories.files.tables import column_names, integers
 from uavbench.trajectories.pose import Array
 
 TIMES = ("data.csv", "rgb.txt", "times.txt", "timestamps.txt", "times.csv", "timestamps.csv")
-"""Names in EuRoC, TUM RGB-D, KITTI odometry, KITTI raw and of one's own: beside the images, or beside their folder."""
+"""Names in EuRoC, TUM RGB-D, KITTI odometry, KITTI raw and of one's own.
+
+Beside the images or their folder, of several cameras beside the folder of their folders.
+"""
 OWN = "frames.csv"
 """Name in uavbench's sequences, job folders and challenges, which has the columns OWN_COLUMNS."""
 OWN_COLUMNS = ("stamp_ns", "file")
@@ -23,54 +27,80 @@ FIRST_NUMBER = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s*(?:[,;\s]|$)", r
 """The number that a line begins with; dates are none."""
 
 
+@dataclass(frozen=True)
+class TimesFile:
+    """A file that may hold the times of the images of a folder: of all its lines, or of those that name the folder.
+
+    The folder above the images' parent may hold a file of several cameras, as an export to COLMAP of a rig.
+    """
+
+    path: Path
+    images: Path
+
+    @property
+    def of_several(self) -> bool:
+        """Whether the file counts only by the lines that name the folder of the images."""
+        return self.path.parent == self.images.parent.parent
+
+    def has_times(self) -> bool:
+        """Whether there are times: in OWN with its columns, unlike the results of a tracker, and NERF with stamps."""
+        try:
+            if not self.path.is_file():
+                return False
+            if self.path.name == NERF:
+                return len(self._stamps_of_nerf()) > 0
+            if self.path.name == OWN:
+                return not self.of_several and set(OWN_COLUMNS) <= set(column_names(self.path, TABLE))
+            return not self.of_several or bool(self._lines())
+        except DamagedFileError:
+            raise
+        except UserError:
+            return False
+
+    def has_rate(self, rate_hz: float) -> bool:
+        """Whether the times, in s, ms, us or ns, are those of a rate."""
+        try:
+            if self.path.name == NERF:
+                numbers = self._stamps_of_nerf()
+            elif self.path.name == OWN:
+                numbers = integers(self.path, [OWN_COLUMNS[0]])[:, 0].astype(np.float64)
+            else:
+                numbers = np.array(FIRST_NUMBER.findall(self._lines()), dtype=np.float64)
+        except DamagedFileError:
+            raise
+        except UserError:
+            return False
+        steps = np.diff(numbers)
+        return len(steps) > 0 and any(fits(steps / unit * rate_hz) for unit in (1.0, *UNITS))
+
+    def _lines(self) -> str:
+        """Lines that end with an image of the folder, as left/000000.png; all lines where none does."""
+        text = read_text(self.path, TABLE)
+        named = re.findall(rf"^(?:.*[\s,;/\\\"])?{re.escape(self.images.name)}/[^/\n]+$", text, re.MULTILINE)
+        return "\n".join(named) if named or self.of_several else text
+
+    def _stamps_of_nerf(self) -> Array:
+        """The stamps (n,) of the images of a transforms.json in their order; empty where it has none."""
+        frames = read_json(self.path).get("frames")
+        listed = [each for each in frames if isinstance(each, dict)] if isinstance(frames, list) else []
+        stamps = {str(each.get("file_path")): each.get("stamp_ns") for each in listed}
+        named = [name for name in stamps if Path(name).parent.name == self.images.name]
+        known = [stamps[name] for name in sorted(named if named or self.of_several else stamps)]
+        return np.array(known if all(isinstance(ns, int) for ns in known) else [], dtype=np.float64)
+
+
 def doubts_of_times(images: Path, rate_hz: float) -> list[str]:
     """Message on a file of times beside a folder of images, unless its times are 1 / rate_hz apart.
 
     DamagedFileError for one that uavbench wrote and that has changed since.
     """
-    folders = (images, images.resolve().parent)
-    found = [path for folder in folders for name in (OWN, NERF, *TIMES) if _has_times(path := folder / name)]
+    whole = images.resolve()
+    names = (OWN, NERF, *TIMES)
+    files = (TimesFile(folder / name, whole) for folder in (whole, *whole.parents[:2]) for name in names)
+    found = next((file for file in files if file.has_times()), None)
+    if found is None or found.has_rate(rate_hz):
+        return []
     return [
-        f"{path}: seems to hold the times of the images, which are not read: the images are taken 1 / {rate_hz:g} s "
-        "apart; correct the rate, or give a video or a bag with these times"
-        for path in found[:1]
-        if not _is_told(path, rate_hz)
+        f"{found.path}: seems to hold the times of the images, which are not read: the images are taken 1 / "
+        f"{rate_hz:g} s apart; correct the rate, or give a video or a bag with these times"
     ]
-
-
-def _has_times(path: Path) -> bool:
-    """Whether there is such a file: OWN with its columns, unlike the results of a tracker, and NERF with stamps."""
-    try:
-        if path.name == NERF:
-            return path.is_file() and len(_stamps_of_nerf(path)) > 0
-        return path.is_file() and (path.name != OWN or set(OWN_COLUMNS) <= set(column_names(path, TABLE)))
-    except DamagedFileError:
-        raise
-    except UserError:
-        return False
-
-
-def _is_told(path: Path, rate_hz: float) -> bool:
-    """Whether a file has times in s, ms, us or ns that are those of a rate."""
-    try:
-        if path.name == NERF:
-            numbers = _stamps_of_nerf(path)
-        elif path.name == OWN:
-            numbers = integers(path, [OWN_COLUMNS[0]])[:, 0].astype(np.float64)
-        else:
-            numbers = np.array(FIRST_NUMBER.findall(read_text(path, TABLE)), dtype=np.float64)
-    except DamagedFileError:
-        raise
-    except UserError:
-        return False
-    steps = np.diff(numbers)
-    return len(steps) > 0 and any(fits(steps / unit * rate_hz) for unit in (1.0, *UNITS))
-
-
-def _stamps_of_nerf(path: Path) -> Array:
-    """The stamps (n,) of the images of a transforms.json in their order; empty where it has none, as of other tools."""
-    frames = read_json(path).get("frames")
-    listed = [each for each in frames if isinstance(each, dict)] if isinstance(frames, list) else []
-    stamps = {str(each.get("file_path")): each.get("stamp_ns") for each in listed}
-    known = [stamps[name] for name in sorted(stamps)]
-    return np.array(known if all(isinstance(ns, int) for ns in known) else [], dtype=np.float64)
