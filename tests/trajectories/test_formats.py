@@ -323,3 +323,34 @@ def test_other_numbers_of_values_are_told_with_what_to_do(tmp_path: Path, values
     (tmp_path / "t.txt").write_text(f"{' '.join(['0.5'] * values)}\n")
     with pytest.raises(UserError, match=f"line 1 has {values} values.*{told}"):
         guess_format(tmp_path / "t.txt")
+
+
+@pytest.mark.parametrize("separator", [" ", ",", ", ", "\t"])
+def test_rows_of_kitti_may_begin_with_their_number_counted_from_0(tmp_path: Path, separator: str) -> None:
+    WRITERS["kitti"](some(), tmp_path / "plain.txt")
+    rows = [line.split() for line in (tmp_path / "plain.txt").read_text().splitlines()]
+    path = tmp_path / "numbered.txt"
+    path.write_text(
+        "# row r11 r12 ...\n" + "".join(separator.join([str(k), *row]) + "\n" for k, row in enumerate(rows))
+    )
+    found = read_trajectory(path)
+    assert found.format == "kitti"
+    plain = read_kitti(tmp_path / "plain.txt")
+    np.testing.assert_array_equal(found.trajectory.positions_m, plain.positions_m)
+    np.testing.assert_array_equal(found.trajectory.quaternions_wxyz, plain.quaternions_wxyz)
+    np.testing.assert_array_equal(found.trajectory.stamps_ns, plain.stamps_ns)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "told"),
+    [
+        (["0", "1", "3", "4"], r"line 3 begins with 3, and its pose is number 2.*move the column to a times\.txt"),
+        (["0", "1", "2.5", "3"], r"line 3 begins with 2\.5"),
+        (["1", "2", "3", "4"], r"line 1 has 13 values.*Move times to a times\.txt.*leave an index out"),
+        (["0.0", "1.0", "2.0", "3.0"], "line 1 has 13 values"),
+    ],
+)
+def test_another_column_before_the_poses_of_kitti_is_told(tmp_path: Path, numbers: list[str], told: str) -> None:
+    (tmp_path / "k.txt").write_text("".join(f"{number} 1 0 0 5 0 1 0 6 0 0 1 7\n" for number in numbers))
+    with pytest.raises(UserError, match=told):
+        read_trajectory(tmp_path / "k.txt")

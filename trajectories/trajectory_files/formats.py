@@ -3,7 +3,8 @@
 tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark), with an optional covariance behind
         (of OpenVINS's twelve numbers nothing is used)
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
-kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
+kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry); the number of the row, counted
+        from 0, may stand before them
 
 The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by the same words in its name;
 capitals, blanks and hyphens are other spellings of the same.
@@ -83,6 +84,8 @@ def guess_format(path: Path) -> str:
     stamped = len(cells) >= 8 and _in_nanoseconds([cells[0], *(cells_of(text)[0] for _, text in second)])
     if len(cells) == KITTI_VALUES and not (stamped and "," in line):
         return "kitti"
+    if len(cells) == 1 + KITTI_VALUES and [cells[0], *(cells_of(text)[0] for _, text in second)] in (["0", "1"], ["0"]):
+        return "kitti"
     if stamped:
         return "euroc"
     if len(cells) in (TUM_VALUES, OPENVINS_VALUES, *COVARIANT_TUM_VALUES):
@@ -144,9 +147,15 @@ def read_euroc(path: Path) -> Trajectory:
 
 
 def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
-    """Trajectory of a KITTI file, which has no stamps: row k is at k / rate_hz seconds. UserError naming the line."""
-    lines = read_lines(path, Layout(KITTI_VALUES))
-    matrices = lines.values.reshape(-1, 3, 4)
+    """Trajectory of a KITTI file, which has no stamps: row k is at k / rate_hz seconds. UserError naming the line.
+
+    Rows may begin with their number, counted from 0.
+    """
+    numbered = len(cells_of(first_lines(path, 1)[0].text)) == 1 + KITTI_VALUES
+    lines = read_lines(path, Layout(KITTI_VALUES + numbered))
+    if numbered:
+        _check_count(path, lines)
+    matrices = lines.values[:, -KITTI_VALUES:].reshape(-1, 3, 4)
     R = matrices[:, :, :3]
     with np.errstate(invalid="ignore", over="ignore"):
         off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
@@ -157,6 +166,18 @@ def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
         )
     stamps = np.array([round(i * 10**9 / rate_hz) for i in range(len(matrices))], dtype=np.int64)
     return _trajectory(path, replace(lines, stamps_ns=stamps), matrices[:, :, 3], quaternion_from_rotation(R))
+
+
+def _check_count(path: Path, lines: NumberLines) -> None:
+    """UserError for the first line that does not begin with its number, counted from 0."""
+    off = np.flatnonzero(lines.values[:, 0] != np.arange(len(lines.numbers)))
+    if off.size:
+        row = int(off[0])
+        raise UserError(
+            f"{path}: line {lines.numbers[row]} begins with {lines.values[row, 0]:.9g}, and its pose is number {row}, "
+            "counted from 0: poses are compared row by row. Where it is a time, move the column to a times.txt beside "
+            "the file; where poses are missing, write those that there are with their times, as tum"
+        )
 
 
 def write_tum(trajectory: Trajectory, path: Path, frame: str = "") -> None:

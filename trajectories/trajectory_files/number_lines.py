@@ -45,7 +45,8 @@ STAMP_CHARACTERS = 24
 MEANT_BY = {
     7: "a pose without its time? Put the seconds first (tum)",
     9: "a column too many for tum? Leave out the one that is neither the time nor of the pose, as an index or a score",
-    13: "a matrix with a time or an index first? Leave it out (kitti), or write the pose with its time as tum",
+    13: "a matrix with a time or an index first? Move times to a times.txt beside the file, leave an index out "
+    "(kitti; one of whole numbers, 0 1 2 ..., is read), or write the poses with their times as tum",
     16: "a whole matrix of four rows? Leave out its last row, 0 0 0 1 (kitti)",
     17: "a whole matrix with a time first? Write position and quaternion with the time as tum; or euroc with seconds? "
     "Write nanoseconds",
