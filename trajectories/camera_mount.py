@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
-from uavbench.trajectories.pose import Array, Pose, rotation_exp
+from uavbench.trajectories.pose import Angle, Array, Pose, rotation_exp
 
 MAIN = "camera"
 """Name of the main camera, reserved."""
@@ -64,9 +64,9 @@ class Mount:
     FARTHEST_M.
     """
 
-    pitch_deg: float = 0.0
-    yaw_deg: float = 0.0
-    roll_deg: float = 0.0
+    pitch_deg: Angle = 0.0
+    yaw_deg: Angle = 0.0
+    roll_deg: Angle = 0.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:

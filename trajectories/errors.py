@@ -1,7 +1,10 @@
 """UserError, the exception for user errors, and DiskError; escaping of untrusted text; messages for disk errors."""
 
 import errno
+import json
 import re
+from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any, get_args
 
 _NAMES = "ENOSPC EDQUOT EFBIG EIO ESTALE EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
@@ -61,6 +64,20 @@ def refuse_other(key: str, value: object, choices: Any) -> None:
     valid = list(get_args(choices))
     if value not in valid:
         raise unknown_name(key, str(value), valid)
+
+
+def refuse_idle(spec: Any, needs: Mapping[str, tuple[str, ...]]) -> None:
+    """UserError for a key of a spec that is not its default and changes nothing.
+
+    needs: by key those of which at least one must not be 0, false or none for it to have an effect.
+    """
+    usual = {each.name: each.default for each in fields(spec)}
+    for key, others in needs.items():
+        if getattr(spec, key) != usual[key] and not any(getattr(spec, other) for other in others):
+            off = " and ".join(f"{other} is {json.dumps(getattr(spec, other))}" for other in others)
+            raise UserError(
+                f"{key} {getattr(spec, key):g} has no effect: {off}; give {' or '.join(others)}, or leave {key} out"
+            )
 
 
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:

@@ -1,9 +1,10 @@
 """Rigid-body poses: SE(3) as a frozen value, named `target_from_source`."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import ArrayLike, NDArray
 
 from uavbench.trajectories import reproducible_math as exact
@@ -17,6 +18,8 @@ from uavbench.trajectories.kernels.rotations import (
 )
 
 Array = NDArray[np.float64]
+Angle = Annotated[float, Interval(ge=-3600, le=3600)]
+"""A bearing or rotation in degrees, ten turns at most: of a number with more digits before its point none is meant."""
 
 
 def read_only(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:

@@ -27,7 +27,7 @@ from uavbench.scenes.renderables import (
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.world.cloud_deck import DENSEST_EDGE, Clouds, clouds
 from uavbench.scenes.world.tree_line import varied
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Angle, Array
 
 SKY_PX, TILE_PX = (1024, 2048), 1024
 RIM_M = 180.0
@@ -62,7 +62,7 @@ class Outdoor:
 
     ground: Literal["grass", "meadow", "gravel", "asphalt", "concrete"] = "grass"
     sun_elevation_deg: Annotated[float, Interval(gt=3, le=90)] = 42.0
-    sun_azimuth_deg: float | None = None
+    sun_azimuth_deg: Angle | None = None
     cloudiness: Annotated[float, Interval(ge=0, le=1)] = 0.35
     haze_per_km: Annotated[float, Ge(0)] = 1.5
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0

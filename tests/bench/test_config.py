@@ -113,6 +113,42 @@ def test_three_mistakes_are_told_at_once(tmp_path):
             "sequences.box.flight.control.attitude_1_s2[0]",
             "greater than 0",
         ),
+        (
+            "effects =",
+            'flight.wind = { kind = "steady", speed_m_s = 10000.0 }\neffects =',
+            "sequences.box.flight.wind.speed_m_s",
+            "less than or equal to 100, got 10000.0",
+        ),
+        (
+            "effects =",
+            'flight.wind = { kind = "gust", every_s = 1e-9 }\neffects =',
+            "sequences.box.flight.wind.every_s",
+            "greater than or equal to 0.1",
+        ),
+        (
+            "effects =",
+            'flight.wind = { kind = "dryden", height_m = 1e300 }\neffects =',
+            "sequences.box.flight.wind.height_m",
+            "less than or equal to 305",
+        ),
+        (
+            "effects =",
+            'flight.wind = { kind = "steady", from_deg = 1e300 }\neffects =',
+            "sequences.box.flight.wind.from_deg",
+            "less than or equal to 3600",
+        ),
+        (
+            "effects =",
+            "flight.control = { velocity_1_s = 1e9 }\neffects =",
+            "sequences.box.flight.control.velocity_1_s",
+            "less than or equal to 500",
+        ),
+        (
+            "effects =",
+            "mount = { pitch_deg = 1e9 }\neffects =",
+            "sequences.box.mount.pitch_deg",
+            "less than or equal to 3600",
+        ),
         ('"indoor" }', '"outdoor", grain = 0.5 }', "sequences.box.environment.grain", "less than or equal to 0.3"),
         ('"indoor" }', '"outdoor", grain = -0.1 }', "sequences.box.environment.grain", "greater than or equal to 0"),
         (

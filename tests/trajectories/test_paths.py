@@ -150,6 +150,33 @@ def test_a_flight_without_end_is_refused_before_it_takes_memory(path: PathSpec, 
         path.plan(obstacles, Mount(), np.random.default_rng(0))
 
 
+@pytest.mark.parametrize(
+    ("path", "told"),
+    [
+        (UndersidePass(speed_m_s=1e9), r"speed_m_s 1e\+09 and acceleration_m_s2 0\.8, for .* m: the flight would take"),
+        (
+            UndersidePass(acceleration_m_s2=1e-9),
+            r"speed_m_s 0\.8 and acceleration_m_s2 1e-09, for .* m: the flight would",
+        ),
+        (
+            UndersidePass(duration_s=1e9),
+            r"duration_s 1e\+09 and acceleration_m_s2 0\.8, for .* m: the flight would take",
+        ),
+        (UndersidePass(duration_s=1e-9), r"duration_s 1e-09: .* m from rest to rest take .* s or more at 0\.8 m/s\^2"),
+    ],
+    ids=repr,
+)
+def test_the_numbers_that_make_a_flight_too_long_are_named(path: PathSpec, told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        path.plan(DECK, Mount(), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("height_m", [1e9, 1e300])
+def test_a_plan_that_leads_out_of_the_world_is_told(height_m: float) -> None:
+    with pytest.raises(UserError, match=r"path hover: t = 0\.00 s, at .* m: the plan leads farther than 100000 m from"):
+        fly(FlightSpec(path=Hover(height_m=height_m, duration_s=1.0)), Mount(), BOX, 0)
+
+
 def test_waypoints_and_records_without_end_are_refused_too(tmp_path: Path) -> None:
     (tmp_path / "way.csv").write_text("x_m,y_m,z_m,yaw_deg\n-4,0,1,0\n-3,0,1,0\n-2,0,1,0\n")
     still = Waypoints(file=str(tmp_path / "way.csv"), stop=True, dwell_s=1e9)

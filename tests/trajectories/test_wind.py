@@ -3,6 +3,7 @@ import pytest
 from scipy.signal import welch
 
 from tests.trajectories.scene import BOX
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.wind.dryden import Dryden, first_order, second_order
 from uavbench.trajectories.wind.winds import WINDS, Gust, Steady, Still
@@ -77,6 +78,12 @@ def test_each_axis_of_the_turbulence_has_its_own_scale_length() -> None:
         steps = round(lags[axis] / step_s)
         values = turbulence[:, axis] / wind.sigmas_m_s[axis]
         assert np.mean(values[:-steps] * values[steps:]) == pytest.approx(expected, abs=0.03), axis
+
+
+def test_a_gust_that_no_flight_waits_for_is_told() -> None:
+    with pytest.raises(UserError, match=r"wind gust: first_s 100: no gust comes before the end of the flight, .* 10 s"):
+        Gust(first_s=100.0).start(5000, 0.002, np.random.default_rng(0))
+    Gust(first_s=100.0).start(50_000, 0.002, np.random.default_rng(0))
 
 
 def test_a_gust_comes_again_and_those_that_meet_are_no_stronger() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Interval
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
@@ -17,7 +17,7 @@ from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import fly_through, stop_and_go
 from uavbench.trajectories.paths.timing import timed_rows
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Angle, Array
 
 YAW_RATE_RAD_S = np.radians(45.0)
 """Maximum yaw rate of a planned path."""
@@ -59,7 +59,7 @@ class FacadeRaster:
     The whole path takes duration_s, or is flown at speed_m_s (default 0.8).
     """
 
-    facade_deg: float = 0.0
+    facade_deg: Angle = 0.0
     distance_m: Annotated[float, Gt(0)] = 2.0
     lane_spacing_m: Annotated[float, Gt(0)] = 1.0
     from_height_m: Annotated[float, Gt(0)] = 1.0
@@ -105,11 +105,11 @@ class GirderFollow:
     The whole path takes duration_s, or is flown at speed_m_s (default 0.8).
     """
 
-    along_deg: float = 0.0
+    along_deg: Angle = 0.0
     side: Literal["left", "right"] = "right"
     distance_m: Annotated[float, Gt(0)] = 2.0
     height_m: Annotated[float, Gt(0)] = 2.0
-    look_ahead_deg: Annotated[float, Ge(-80)] = 20.0
+    look_ahead_deg: Annotated[float, Interval(ge=-80, le=90)] = 20.0
     overrun_m: float = 0.0
     stretch_m: tuple[float, float] | None = None
     speed_m_s: Annotated[float, Gt(0)] | None = None
@@ -140,7 +140,7 @@ class UndersidePass:
     The whole path takes duration_s, or is flown at speed_m_s (default 0.8).
     """
 
-    along_deg: float = 0.0
+    along_deg: Angle = 0.0
     offsets_m: tuple[float, ...] = (0.0,)
     height_m: Annotated[float, Gt(0)] = 2.0
     overrun_m: float = 0.0

@@ -14,7 +14,7 @@ from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import progress
 from uavbench.trajectories.paths.timing import check_flight_time, timed_rows
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Angle, Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 Direction = Literal["counter-clockwise", "clockwise"]
@@ -51,7 +51,7 @@ class Orbit:
     distance_m: Annotated[float, Gt(0)] = 1.0
     height_m: Annotated[float, Gt(0)] = 0.5
     turns: Annotated[float, Gt(0)] = 1.0
-    start_deg: float = 0.0
+    start_deg: Angle = 0.0
     direction: Direction = "counter-clockwise"
     speed_m_s: Annotated[float, Gt(0)] | None = None
     duration_s: Annotated[float, Gt(0)] | None = None
@@ -78,7 +78,7 @@ class PierSpiral:
     to_height_m: Annotated[float, Gt(0)] = 6.0
     rise_m: Annotated[float, Gt(0)] = 1.5
     centre_m: tuple[float, float] | None = None
-    start_deg: float = 0.0
+    start_deg: Angle = 0.0
     direction: Direction = "counter-clockwise"
     speed_m_s: Annotated[float, Gt(0)] | None = None
     duration_s: Annotated[float, Gt(0)] | None = None
@@ -125,7 +125,7 @@ class Approach:
     far_m: Annotated[float, Gt(0)] = 3.0
     near_m: Annotated[float, Gt(0)] = 0.8
     height_m: Annotated[float, Gt(0)] = 0.5
-    from_deg: float = 30.0
+    from_deg: Angle = 30.0
     cycles: Annotated[int, Ge(1)] = 1
     speed_m_s: Annotated[float, Gt(0)] | None = None
     duration_s: Annotated[float, Gt(0)] | None = None
@@ -158,7 +158,7 @@ class Hover:
     duration_s: Annotated[float, Gt(0)] = 20.0
     distance_m: Annotated[float, Gt(0)] = 1.0
     height_m: Annotated[float, Gt(0)] = 0.5
-    from_deg: float = 30.0
+    from_deg: Angle = 30.0
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the hover."""
@@ -185,7 +185,7 @@ class FigureEight:
     rise_m: Annotated[float, Ge(0)] = 0.0
     distance_m: Annotated[float, Gt(0)] = 1.5
     height_m: Annotated[float, Gt(0)] = 0.7
-    from_deg: float = 30.0
+    from_deg: Angle = 30.0
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the figure-8."""

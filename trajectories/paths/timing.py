@@ -15,10 +15,14 @@ LONGEST_FLIGHT_S = 10_000.0
 """Longest flight, in which a 200 Hz IMU has as many rows as a table may have (`files.limits.MOST_ROWS`)."""
 
 
+class TooLongError(UserError):
+    """A flight would take too long."""
+
+
 def check_flight_time(seconds: float) -> None:
-    """UserError for a flight that is too long, before memory is allocated for its steps."""
+    """TooLongError for a flight that is too long, before memory is allocated for its steps."""
     if not seconds <= LONGEST_FLIGHT_S:
-        raise UserError(
+        raise TooLongError(
             f"the flight would take {seconds:.4g} s; at most {LONGEST_FLIGHT_S:,.0f} s are allowed; split it"
         )
 
@@ -58,15 +62,27 @@ def requested_speed(path: object) -> float | None:
 def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: float) -> Array:
     """Rows (n, ...) of a path, one per control step, at its speed or of its duration; rows_at(speed) plans them.
 
-    UserError when both are given, or when the duration is infeasible within the acceleration limit.
+    UserError when both are given, or when the duration is infeasible within the acceleration limit; TooLongError names
+    the numbers that make a flight too long.
     """
+    try:
+        return _timed(path, rows_at, length_m)
+    except TooLongError as error:
+        speed = path.usual_speed_m_s if path.speed_m_s is None else path.speed_m_s
+        by = f"speed_m_s {speed:g}" if path.duration_s is None else f"duration_s {path.duration_s:g}"
+        limit = f"acceleration_m_s2 {path.acceleration_m_s2:g}"
+        raise TooLongError(f"{by} and {limit}, for {length_m:.4g} m: {error}") from None
+
+
+def _timed(path: TimedPath, rows_at: Callable[[float], Array], length_m: float) -> Array:
     if path.duration_s is None:
         return rows_at(path.usual_speed_m_s if path.speed_m_s is None else path.speed_m_s)
     if path.speed_m_s is not None:
         raise UserError("give duration_s or speed_m_s, not both")
     check_flight_time(path.duration_s)
     wanted = round(path.duration_s / STEP_S) + 1
-    average = max(length_m, 1e-3) / path.duration_s
+    past_optimum = (path.acceleration_m_s2 * max(length_m, 1e-3)) ** 0.5
+    average = min(max(length_m, 1e-3) / path.duration_s, past_optimum)
     speed = slower = average  # a lower bound: a path from rest to rest takes longer
     rows = rows_at(speed)
     least = len(rows)
@@ -75,7 +91,7 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
         rows = rows_at(speed)
         if len(rows) >= least:  # past the optimum
             slower = average
-            speed = _fastest(rows_at, min(average, (path.acceleration_m_s2 * max(length_m, 1e-3)) ** 0.5))
+            speed = _fastest(rows_at, average)
             rows = rows_at(speed)
             if len(rows) <= wanted:
                 break

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Angle, Array
 from uavbench.trajectories.sensors.satellites import PER_PLANE, PLANES, sky
 from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
 from uavbench.trajectories.wind.dryden import first_order
@@ -53,7 +53,7 @@ class Gnss:
     doppler_m_s: Annotated[float, Ge(0)] = 0.05
     greatest_pdop: Annotated[float, Gt(1)] = 12.0
     latitude_deg: Annotated[float, Interval(ge=-90, le=90)] = 40.8
-    north_deg: float = 0.0
+    north_deg: Angle = 0.0
     epoch_s: Annotated[float, Ge(0)] = 0.0
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:

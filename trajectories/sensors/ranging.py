@@ -11,7 +11,7 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import check_offset
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.pose import Array, rotation_exp, rotation_from_quaternion
+from uavbench.trajectories.pose import Angle, Array, rotation_exp, rotation_from_quaternion
 from uavbench.trajectories.sensors.sensor import check_limits, check_rate, sampled
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ class LaserRanging:
 
     rate_hz: Annotated[float, Gt(0), Le(500)] = 50.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
+    yaw_deg: Angle = 0.0
+    pitch_deg: Angle = 0.0
+    roll_deg: Angle = 0.0
     least_range_m: Annotated[float, Ge(0)] = 0.05
     greatest_range_m: Annotated[float, Gt(0)] = 40.0
     rated_reflectance: Annotated[float, Interval(gt=0, le=1)] = 0.7

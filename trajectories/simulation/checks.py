@@ -15,6 +15,8 @@ STRIDE = 10
 """Stride in control steps at which a plan is checked: 20 ms."""
 THRUST_SHARE = 0.9
 """Fraction of the maximum thrust that a plan may require; the rest is reserved for control."""
+FARTHEST_M = 1e5
+"""Largest coordinate of a plan, m: distances from meshes lose their digits beyond."""
 ASTRAY_M = 0.1
 """Distance in m from its planned place from which a crash is told with it: the clearance that a plan keeps."""
 OUT_OF_CONTROL = "lower the speed or wind, or check the airframe (lag, thrust, rotors) and the gains of `control`"
@@ -23,8 +25,16 @@ OUT_OF_CONTROL = "lower the speed or wind, or check the airframe (lag, thrust, r
 def check_plan(
     plan: Planned, vehicle: Quadrotor, obstacles: ObstacleMesh, mean_wind_m_s: Array, clearance_m: float
 ) -> None:
-    """UserError when a plan violates the clearance, or needs more thrust than the vehicle has."""
+    """UserError when a plan leads too far, violates the clearance, or needs more thrust than the vehicle has."""
     places = plan.table[::STRIDE, 0:3]
+    far = ~(np.abs(places) <= FARTHEST_M).all(axis=1)
+    if far.any():
+        step = int(np.argmax(far))
+        x, y, z = places[step]
+        raise UserError(
+            f"t = {step * STRIDE * STEP_S:.2f} s, at ({x:.6g}, {y:.6g}, {z:.6g}) m: the plan leads farther than "
+            f"{FARTHEST_M:g} m from the origin; give heights, distances and offsets in metres"
+        )
     room = obstacles.clearance(places) - vehicle.radius_m
     worst = int(np.argmin(room))
     if room[worst] < clearance_m:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import cos, inf, sin
 from typing import Annotated, NamedTuple
 
-from annotated_types import Ge, Gt
+from annotated_types import Interval
 
 from uavbench.trajectories.geometry.vectors import (
     Matrix,
@@ -35,7 +35,10 @@ REFERENCE_COLUMNS = 17
 10:13 and acceleration 13:16 in the reference's own body axes; rate of the specific thrust 16 (m/s^3)."""
 
 
-Positive = Annotated[float, Gt(0)]
+FASTEST_1_S = 500.0
+"""Largest gain of a rate, 1/s: it takes an error away within one step of 2 ms."""
+AttitudeGain = Annotated[float, Interval(gt=0, le=FASTEST_1_S**2)]
+RateGain = Annotated[float, Interval(gt=0, le=FASTEST_1_S)]
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,12 @@ class Geometric:
     inertia of 1.66e-5, 1.66e-5, 2.93e-5 kg m^2. The integral gain is an addition: it compensates for steady wind.
     """
 
-    position_1_s2: Positive = 7.0
-    velocity_1_s: Positive = 4.0
-    integral_1_s3: Annotated[float, Ge(0)] = 2.0
-    integral_limit_m_s2: Positive = 3.0
-    attitude_1_s2: tuple[Positive, Positive, Positive] = (422.0, 422.0, 273.0)
-    rate_1_s: tuple[Positive, Positive, Positive] = (69.0, 69.0, 68.0)
+    position_1_s2: Annotated[float, Interval(gt=0, le=1000)] = 7.0
+    velocity_1_s: Annotated[float, Interval(gt=0, le=FASTEST_1_S)] = 4.0
+    integral_1_s3: Annotated[float, Interval(ge=0, le=1000)] = 2.0
+    integral_limit_m_s2: Annotated[float, Interval(gt=0, le=100)] = 3.0
+    attitude_1_s2: tuple[AttitudeGain, AttitudeGain, AttitudeGain] = (422.0, 422.0, 273.0)
+    rate_1_s: tuple[RateGain, RateGain, RateGain] = (69.0, 69.0, 68.0)
 
     def gains(self) -> "Gains":
         """Gains for the compiled control law."""

@@ -31,8 +31,17 @@ LARGEST_RADIUS = 100.0
 """Most radii of gyration in radius_m: vehicles have 2 to 4, a wide berth some more; a radius in cm has hundreds."""
 MOST_THRUST_TO_WEIGHT = 50.0
 """Largest ratio of thrust to weight: three times that of racing drones, and far below a unit of grams for newtons."""
-FASTEST_ROTOR_RAD_S = 1e4
-"""Fastest rotor, 95,000 rpm: beyond motors of the smallest racing drones (25,000 rpm/V, 3.8 V) under load."""
+SLOWEST_ROTOR_RAD_S, FASTEST_ROTOR_RAD_S = 10.0, 1e4
+"""Slowest and fastest rotor, 95 and 95,000 rpm: those of helicopters have 200 and more; the fastest is beyond motors
+of the smallest racing drones (25,000 rpm/V, 3.8 V) under load."""
+LEAST_ARM = 0.05
+"""Least distance of a rotor from the middle in radii of gyration: vehicles have 1 to 2."""
+LEAST_TORQUE = 1e-3
+"""Least torque of a rotor for each newton of thrust, in radius_m: vehicles have 0.08 to 0.5."""
+MOST_ROTOR_DRAG_1_S = 100.0
+"""Largest deceleration by the rotors' drag in hover for each m/s: vehicles have 0.2 to 0.5, and steps of 2 ms."""
+MOST_BODY_DRAG_KG_M3 = 38.5
+"""Largest body_drag_kg_m over radius_m^2: ten times that of a plate as large as the vehicle's sphere."""
 
 
 def physics() -> ModuleType:
@@ -100,11 +109,6 @@ class Quadrotor:
         allocation = np.column_stack(rows)
         if not np.isfinite(allocation).all():
             raise UserError("an airframe's rotors need finite places, and finite torques per newton of thrust")
-        if np.linalg.matrix_rank(allocation) < 4:
-            raise UserError(
-                "an airframe's four rotors must reach thrust, roll, pitch and yaw independently: "
-                "in an X, rotors beside each other have opposite signs of yaw"
-            )
         vehicle = cls(
             xml=xml,
             mass_kg=float(model.body_mass[1]),
@@ -178,7 +182,14 @@ def _numeric(model: Any, name: str, size: int) -> Array:
 
 def _refuse_impossible(vehicle: Quadrotor) -> None:
     """UserError naming all numbers of an airframe that no vehicle can have, and their units."""
-    if found := [*_of_size(vehicle), *_of_motors(vehicle), *_of_drag(vehicle)]:
+    independent = np.linalg.matrix_rank(vehicle.allocation) == 4
+    found = [*_of_size(vehicle), *(_of_motors(vehicle) if independent else ()), *_of_drag(vehicle)]
+    if not independent and not found:
+        found = [
+            "four rotors must reach thrust, roll, pitch and yaw independently: in an X, rotors beside each other have "
+            "opposite signs of yaw"
+        ]
+    if found:
         raise UserError("; ".join(f"an airframe's {each}" for each in found))
 
 
@@ -192,22 +203,30 @@ def _of_size(vehicle: Quadrotor) -> Iterator[str]:
             "that is kept clear of everything: give rotors_m and radius_m in metres, the radius with the propellers"
         )
         return
-    if not lever_m.max() < radius_m:
+    if not LEAST_TORQUE * radius_m <= lever_m.max() < radius_m:
         yield (
-            f"torque_per_thrust_m {lever_m.max():g} is not below radius_m {radius_m:g}; give the torque of a rotor in "
-            "N m for each newton of its thrust"
+            f"torque_per_thrust_m {lever_m.max():g} is not below radius_m {radius_m:g}, or less than "
+            f"{LEAST_TORQUE:g} of it; give the torque of a rotor in N m for each newton of its thrust"
         )
     largest = float(np.linalg.eigvalsh(vehicle.inertia_kg_m2)[-1])
-    if not largest <= vehicle.mass_kg * radius_m**2:
+    gyration_m = float(np.sqrt(largest / vehicle.mass_kg))
+    if not largest <= vehicle.mass_kg * radius_m * radius_m:
         yield (
             f"moment of inertia of {largest:g} kg m^2 is larger than that of its whole mass of {vehicle.mass_kg:g} kg "
             f"at radius_m {radius_m:g}; check the units of inertia_kg_m2 (1 g cm^2 is 1e-7), mass_kg and radius_m"
         )
-    elif not radius_m <= LARGEST_RADIUS * (gyration_m := float(np.sqrt(largest / vehicle.mass_kg))):
+    elif not radius_m <= LARGEST_RADIUS * gyration_m:
         yield (
             f"radius_m {radius_m:g} is more than {LARGEST_RADIUS:g} times {gyration_m:.3g} m, at which its mass of "
             f"{vehicle.mass_kg:g} kg would have its moment of inertia of {largest:g} kg m^2; give radius_m in metres, "
             "and check the units of inertia_kg_m2 (1 g cm^2 is 1e-7) and mass_kg"
+        )
+
+    elif not min(x_m.max(), y_m.max()) >= LEAST_ARM * gyration_m:
+        yield (
+            f"rotors lie up to {x_m.max():g} m before and {y_m.max():g} m beside its middle, less than {LEAST_ARM:g} "
+            f"of {gyration_m:.3g} m, at which its mass of {vehicle.mass_kg:g} kg would have its moment of inertia of "
+            f"{largest:g} kg m^2: it hardly turns; give rotors_m in metres, and check inertia_kg_m2 and mass_kg"
         )
 
 
@@ -234,17 +253,29 @@ def _of_motors(vehicle: Quadrotor) -> Iterator[str]:
         )
     rising = np.isfinite(vehicle.thrust_map_n).all() and vehicle.thrust_map_n[2] > 0
     speeds = vehicle.rotor_speeds(np.array([weight_n / 4, vehicle.max_thrust_n])) if rising else np.full(2, np.nan)
-    if not (speeds[0] > 0 and speeds[1] <= FASTEST_ROTOR_RAD_S):
+    if not (speeds[0] >= SLOWEST_ROTOR_RAD_S and speeds[1] <= FASTEST_ROTOR_RAD_S):
         yield (
             f"thrust_map_n {vehicle.thrust_map_n.tolist()} has rotor speeds of {speeds[0]:.4g} rad/s in hover and "
-            f"{speeds[1]:.4g} at max_thrust_n, not above 0 and at most {FASTEST_ROTOR_RAD_S:g}; give c0, c1, c2 of "
-            "thrust in N over rad/s (of rpm: c1 times 9.549, c2 times 91.19), c2 above 0"
+            f"{speeds[1]:.4g} at max_thrust_n, not {SLOWEST_ROTOR_RAD_S:g} or more and at most "
+            f"{FASTEST_ROTOR_RAD_S:g}; give c0, c1, c2 of thrust in N over rad/s (of rpm: c1 times 9.549, c2 times "
+            "91.19), c2 above 0"
         )
 
 
 def _of_drag(vehicle: Quadrotor) -> Iterator[str]:
-    """Drag brakes."""
+    """Drag brakes, and no more than air can."""
+    speed = 4 * float(vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))) if vehicle.thrust_map_n[2] > 0 else 0.0
+    most = {
+        "rotor_drag_kg": MOST_ROTOR_DRAG_1_S * vehicle.mass_kg / speed if speed > 0 else np.inf,
+        "body_drag_kg_m": MOST_BODY_DRAG_KG_M3 * vehicle.radius_m * vehicle.radius_m,
+    }
     for key in ("rotor_drag_kg", "body_drag_kg_m"):
         drag = getattr(vehicle, key)
         if not ((drag >= 0) & np.isfinite(drag)).all():
             yield f"{key} {drag.tolist()} has a number below 0 or none; write drag as positive numbers, which brake"
+        elif drag.max() > most[key]:
+            yield (
+                f"{key} {drag.tolist()} has more than {most[key]:.3g}, at which air of its speed and size would brake "
+                "many times less; give newtons over m/s and the rad/s of all rotors together (rotor_drag_kg), or over "
+                "(m/s)^2 (body_drag_kg_m)"
+            )

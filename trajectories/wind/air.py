@@ -2,15 +2,23 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import numpy as np
+from annotated_types import Interval
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
+
+
+FASTEST_M_S = 100.0
+"""Fastest wind of a config, m/s: the fastest gust measured near the ground had 113 (Barrow Island, 1996)."""
+WindSpeed = Annotated[float, Interval(ge=0, le=FASTEST_M_S)]
+GustTime = Annotated[float, Interval(ge=0, le=600)]
+"""A time of gusts, s."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,16 @@ from itertools import accumulate
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Interval
 
 from uavbench.trajectories import reproducible_math as exact
-from uavbench.trajectories.pose import Array, read_only
-from uavbench.trajectories.wind.air import Air, downwind
+from uavbench.trajectories.errors import refuse_idle
+from uavbench.trajectories.pose import Angle, Array, read_only
+from uavbench.trajectories.wind.air import FASTEST_M_S, Air, downwind
 
 FOOT_M = 0.3048
+LOW_M = 305.0
+"""Greatest height in m, 1,000 ft, up to which the specification's lengths and intensities hold."""
 LOWEST_FT = 10.0
 """Below this height the specification gives no lengths; those of this height are used."""
 ROUGHNESS_FT = 0.15
@@ -33,12 +36,15 @@ class Dryden:
     exp(-distance / near_m). from_deg counts counter-clockwise from the world's x axis.
     """
 
-    w20_m_s: Annotated[float, Gt(0)] = 3.0
-    from_deg: float = 0.0
-    height_m: Annotated[float, Gt(0)] = 3.0
-    flight_speed_m_s: Annotated[float, Gt(0)] = 0.5
-    near_gain: Annotated[float, Ge(0)] = 0.0
-    near_m: Annotated[float, Gt(0)] = 1.0
+    w20_m_s: Annotated[float, Interval(gt=0, le=FASTEST_M_S)] = 3.0
+    from_deg: Angle = 0.0
+    height_m: Annotated[float, Interval(gt=0, le=LOW_M)] = 3.0
+    flight_speed_m_s: Annotated[float, Interval(gt=0, le=FASTEST_M_S)] = 0.5
+    near_gain: Annotated[float, Interval(ge=0, le=10)] = 0.0
+    near_m: Annotated[float, Interval(gt=0, le=1000)] = 1.0
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"near_m": ("near_gain",)})
 
     @property
     def mean_m_s(self) -> float:

@@ -15,7 +15,7 @@ from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pilot.gamepad import Assist, Gamepad, Wander
 from uavbench.trajectories.paths.reference import Guidance, VehicleState
 from uavbench.trajectories.paths.timing import check_flight_time
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Angle, Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 WARM_UP_S = 4.0
@@ -46,7 +46,7 @@ class HandPilot:
     range_m: tuple[float, float] = (1.05, 1.55)
     height_m: tuple[float, float] = (0.38, 0.90)
     speed_m_s: Annotated[float, Ge(0)] = 0.16
-    start_deg: float = 30.0
+    start_deg: Angle = 30.0
     direction: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     view_half_angle_deg: Annotated[float, Interval(gt=0, lt=80)] = 21.0
     reaction_s: Annotated[float, Ge(0)] = 0.2
