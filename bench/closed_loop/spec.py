@@ -10,7 +10,7 @@ from uavbench.scenes.dataset.spec_record import described
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.run import KNOWN
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, refuse_idle
 
 CAMERA = "camera"
 """Name of the tracker's poses among the filter's sensors."""
@@ -41,6 +41,9 @@ class FilterSpec:
     start_m_s: Annotated[float, Gt(0)] = 0.2
     unclaimed_m: Annotated[float, Gt(0)] = 0.02
     unclaimed_deg: Annotated[float, Gt(0)] = 1.0
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"camera_slow_s": ("camera_slow_share",)})
 
 
 @dataclass(frozen=True, kw_only=True)

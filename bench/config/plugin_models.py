@@ -79,6 +79,7 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
     cls = getattr(type(model), "plugin_class", None)
     if cls is None:
         return model
+    before = len(errors)
     values = {
         name: build(getattr(model, name), f"{at}.{name}" if at else name, errors)
         for name in type(model).model_fields
@@ -86,6 +87,9 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
     }
     files = () if INPUT_FILES in {f.name for f in fields(cls)} else values.pop(INPUT_FILES, ())
     errors += [f"{at}.{INPUT_FILES}: {name} is not a file" for name in files if not Path(name).is_file()]
+    if any(value is None and getattr(model, name, None) is not None for name, value in values.items()):
+        assert len(errors) > before  # a part has a mistake, without which the whole cannot be made
+        return None
     try:
         made = cls(**values, **given)
     except (ValueError, UserError) as error:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, ValidationError, create_model
 
 from uavbench.bench.closed_loop.spec import LoopSpec
-from uavbench.bench.config.loops import loop_mistakes, with_shared_loop
+from uavbench.bench.config.loops import idle_keys, loop_mistakes, with_shared_loop
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.config.validation_errors import explain
@@ -61,7 +61,7 @@ def load_suite(path: Path) -> Suite:
 
 def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     """Suite from a file's tables; relative paths are resolved against the file's folder. UserError as `load_suite`."""
-    data = with_shared_loop(data)
+    as_given, data = data, with_shared_loop(data)
     checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
     sequences = tuple(
@@ -80,6 +80,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     errors += [
         line for name, loop in loops.items() if loop is not None for line in loop_mistakes(name, loop, sequences)
     ]
+    errors += idle_keys(as_given, loops)
     errors += [
         line for spec in sequences if spec is not None for line in _rate_mistakes(checked.rates_hz, spec, bool(loops))
     ]

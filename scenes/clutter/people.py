@@ -12,6 +12,7 @@ from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.meshes import merge
 from uavbench.scenes.primitives.solids import moved
 from uavbench.scenes.renderables import BuiltClutter, Mover, Part
+from uavbench.trajectories.errors import refuse_idle
 from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 INSTANCE = 3
@@ -48,6 +49,7 @@ class People:
 
     def __post_init__(self) -> None:
         check_reach(self.nearest_m, self.furthest_m)
+        refuse_idle(self, {"speed_m_s": ("walking",)})
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """The standing figures as one mesh, and a mover for each walking one; bounds (2, 3) in metres, world frame.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, sample
 from uavbench.scenes.rendering.radiance import Radiance, decode, encode
+from uavbench.trajectories.errors import refuse_idle
 
 Codes = NDArray[np.uint8]
 
@@ -48,6 +49,9 @@ class AnalogLink:
     snow: Annotated[float, Interval(ge=0, le=128)] = 3.0
     sharpness_px: Annotated[float, Interval(ge=0, le=20)] = 0.7
     interlaced: bool = True
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"burst_rows": ("bursts_per_frame", "dropouts_per_frame")})
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """CameraSimulator whose images pass the analog link."""

@@ -19,7 +19,7 @@ from uavbench.scenes.site.film import film
 from uavbench.scenes.site.neighbours import neighbours
 from uavbench.scenes.site.roads import Carriageway, marked, paint
 from uavbench.scenes.site.terrain import BANK_SLOPE, BED_M, FAR_M, GRASSED_M, SHOULDER_M, Course, Embankment, Terrain
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, refuse_idle
 from uavbench.trajectories.pose import Array
 
 LOW_M = 0.3
@@ -68,6 +68,10 @@ class Site:
     wind_m_s: Annotated[float, Interval(ge=0, le=40)] = 0.0
     wet: Annotated[float, Interval(ge=0, le=1)] = 0.0
     dirt: Annotated[float, Interval(ge=0, le=1)] = 0.0
+
+    def __post_init__(self) -> None:
+        needs = {"neighbours_from_m": ("neighbours",), "cloud_size_m": ("cloud_shadow",), "wind_m_s": ("cloud_shadow",)}
+        refuse_idle(self, needs)
 
     def build(self, ground: Material, built: BuiltStructure, streams: Streams) -> BuiltSite:
         """The site around a structure; ground is the material of the level ground.

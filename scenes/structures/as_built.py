@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Interval
 
 from uavbench.scenes.renderables import Part
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, refuse_idle
 from uavbench.trajectories.pose import Array
 
 Record = dict[str, float | str]
@@ -35,6 +35,9 @@ class Deviation:
     displaced_m: Annotated[float, Interval(ge=0, le=10)] = 0.02
     missing_share: Annotated[float, Interval(ge=0, le=1)] = 0.0
     bend_m: Annotated[float, Interval(ge=-10, le=10)] = 0.0
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"displaced_m": ("displaced_share",)})
 
     def apply(self, parts: tuple[Part, ...], bounds: Array, rng: np.random.Generator) -> AsBuilt:
         """Parts with the deviations applied; bounds (2, 3) of the structure as designed, world frame, metres.

@@ -403,3 +403,88 @@ def test_a_plug_in_without_the_method_of_its_place_is_told_so(tmp_path, monkeypa
     path, tracker = mistakes(tmp_path, text.replace(", duration_s = 2.0", ""))
     assert path.endswith("path.kind: plug-in 'half:Mine' cannot be used here: its class Mine has no method `plan`")
     assert tracker.endswith("hold.kind: plug-in 'half:Mine' cannot be used here: its class Mine has no method `start`")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("flight.wind", '{ kind = "dryden", near_m = 3.0 }', "near_m 3 has no effect: near_gain is 0"),
+        ("flight.wind", '{ kind = "gust", gust_m_s = 0.0, hold_s = 9.0 }', "hold_s 9 has no effect: gust_m_s is 0"),
+        (
+            "flight.wind",
+            '{ kind = "steady", speed_m_s = 0.0, from_deg = 9.0 }',
+            "from_deg 9 has no effect: speed_m_s is 0",
+        ),
+        ("sensors", '[{ kind = "baro", drift_s = 9.0 }]', "drift_s 9 has no effect: drift_pa is 0"),
+        ("sensors", '[{ kind = "gnss", slow_s = 9.0, slow_m = 0.0 }]', "slow_s 9 has no effect: slow_m is 0"),
+        (
+            "sensors",
+            '[{ kind = "range-finder", noise_m = 0.1, far_noise_m = 0.1, far_m = 9.0 }]',
+            "far_m 9 has no effect: noise_m and far_noise_m are both 0.1",
+        ),
+        ("deviation", "{ displaced_m = 0.1 }", "displaced_m 0.1 has no effect: displaced_share is 0"),
+        ("clutter", '[{ kind = "people", walking = 0.0, speed_m_s = 2.0 }]', "speed_m_s 2 has no effect: walking is 0"),
+        (
+            "effects",
+            '[{ kind = "analog-link", bursts_per_frame = 0, dropouts_per_frame = 0, burst_rows = 3 }]',
+            "burst_rows 3 has no effect: bursts_per_frame is 0.0 and dropouts_per_frame is 0.0",
+        ),
+        (
+            "environment",
+            '{ kind = "outdoor", site = { cloud_size_m = 90.0 } }',
+            "cloud_size_m 90 has no effect: cloud_shadow is 0",
+        ),
+        (
+            "mount",
+            '{ kind = "gimbal", axes = "pitch", roll_axis = { damping = 0.5 } }',
+            "roll_axis: axes = 'pitch' has no roll axis",
+        ),
+        (
+            "flight.path",
+            '{ kind = "waypoints", file = "way.csv", stop = false, dwell_s = 2.0 }',
+            "dwell_s 2 has no effect: stop is false",
+        ),
+    ],
+)
+def test_a_key_that_changes_nothing_beside_the_others_is_refused(tmp_path, key, value, told):
+    (tmp_path / "way.csv").write_text("x_m,y_m,z_m,yaw_deg\n-4,0,1,0\n-3,0,1,0\n")
+    lines = [line for line in GOOD.splitlines() if not line.startswith(f"{key} =")]
+    lines.insert(lines.index("[sequences.box]") + 1, f"{key} = {value}")
+    (line,) = mistakes(tmp_path, "\n".join(lines))
+    assert line.startswith(f"sequences.box.{key}") and told in line
+
+
+LOOP = GOOD.replace("[trackers]", "[loop]\nOPTIONS\n\n[trackers]").replace(
+    "effects =", 'sensors = [{ kind = "imu" }, { kind = "gnss" }, { kind = "flow" }]\neffects ='
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ('estimator = "camera"\nprior = false', ["loop.prior: has no effect: no estimator is the filter, whose"]),
+        ('estimator = "truth"\nfilter.gate = 0.9', ["loop.filter.gate: has no effect: no estimator is the filter"]),
+        (
+            'sensors = ["imu", "flow"]\nfilter.unclaimed_m = 0.1\nfilter.gate = 0.9',
+            ["loop.filter.unclaimed_m: has no effect: the filter gets no poses"],
+        ),
+        (
+            'sensors = ["camera", "imu"]\ngnss_outages_s = [[0.1, 0.2]]',
+            ["loop.gnss_outages_s: has no effect: `sensors` names no GNSS"],
+        ),
+        ("filter = { camera_slow_share = 0.0, camera_slow_s = 9.0 }", ["loop.filter: camera_slow_s 9 has no effect"]),
+        ('prior = false\n[loops.seen]\nestimator = "camera"', ["loop.prior: has no effect"]),
+        (
+            'prior = false\n[loops.seen]\nestimator = "camera"\nprior = false\n[loops.filtered]',
+            ["loops.seen.prior: has no effect"],
+        ),
+        ('prior = false\nfilter.gate = 0.9\n[loops.seen]\nestimator = "camera"\n[loops.filtered]', []),
+        ("prior = false\ngnss_outages_s = [[0.1, 0.2]]\nfilter.camera_bias_m = 0.1", []),
+    ],
+)
+def test_a_key_of_a_loop_that_changes_nothing_is_refused(tmp_path, options, told):
+    text = LOOP.replace("OPTIONS", options)
+    lines = mistakes(tmp_path, text) if told else []
+    assert len(lines) == len(told) and all(line.startswith(start) for line, start in zip(lines, told, strict=True))
+    if not told:
+        load_suite(suite(tmp_path, text))

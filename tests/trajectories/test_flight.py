@@ -45,7 +45,7 @@ def test_the_same_seed_gives_the_same_bytes_in_every_process() -> None:
 
 def test_options_of_one_stream_leave_the_others_alone() -> None:
     flight = fly(SHORT, Mount(), BOX, 0)
-    still = replace(SHORT, clearance_m=0.05)
+    still = replace(SHORT, saturation_share=0.06)
     assert digest(fly(still, Mount(), BOX, 0)) == digest(flight)
     heavier = fly(replace(SHORT, airframe=Crazyflie(mass_kg=0.030)), Mount(), BOX, 0)
     assert digest(heavier) != digest(flight)

@@ -24,6 +24,7 @@ from uavbench.trajectories.simulation.summary import flown_summary, planned_summ
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum
 from uavbench.trajectories.vehicle.airframes import Iris
+from uavbench.trajectories.vehicle.geometric_control import Geometric
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 BRIDGE = both(DECK, PIER)
@@ -169,6 +170,20 @@ def test_a_flight_without_end_is_refused_before_it_takes_memory(path: PathSpec, 
 def test_the_numbers_that_make_a_flight_too_long_are_named(path: PathSpec, told: str) -> None:
     with pytest.raises(UserError, match=told):
         path.plan(DECK, Mount(), np.random.default_rng(0))
+
+
+def test_what_no_plan_takes_into_account_is_refused(tmp_path: Path) -> None:
+    both = UndersidePass(stretch_m=(-2.0, 2.0), overrun_m=1.0)
+    with pytest.raises(UserError, match="overrun_m 1 has no effect: stretch_m names both ends"):
+        both.plan(DECK, Mount(), np.random.default_rng(0))
+    with pytest.raises(UserError, match=r"path hand-pilot: flight\.clearance_m has no effect: this path is decided in"):
+        fly(FlightSpec(clearance_m=0.3), Mount(), BOX, 0)
+    stamps = np.arange(5, dtype=np.int64) * 10**8
+    write_tum(Trajectory(stamps, np.tile([3.0, 0, 1], (5, 1)), np.tile([1.0, 0, 0, 0], (5, 1))), tmp_path / "a.tum")
+    path = Recorded(file=str(tmp_path / "a.tum"))
+    for key, value in (("clearance_m", 0.3), ("saturation_share", 0.5), ("control", Geometric(position_1_s2=5.0))):
+        with pytest.raises(UserError, match=rf"path recorded: flight\.{key} has no effect: a recorded motion is"):
+            fly(FlightSpec(path=path, **{key: value}), Mount(), BOX, 0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("height_m", [1e9, 1e300])

@@ -60,6 +60,9 @@ class Gimbal:
                 )
         if self.axes == "pitch" and self.roll_deg:
             raise UserError(f"roll_deg {self.roll_deg:g}: axes = 'pitch' has no roll axis; leave it out")
+        for which, given in {"yaw": self.yaw_axis != YawAxis(), "roll": self.roll_axis != RollAxis()}.items():
+            if given and which not in self.joints:
+                raise UserError(f"{which}_axis: axes = {self.axes!r} has no {which} axis; leave it out")
         if self.mode == "target" and self.pitch_deg:
             raise UserError(f"pitch_deg {self.pitch_deg:g}: mode = 'target' points the camera itself; leave it out")
         if self.mode == "stabilized" and self.target_m is not None:

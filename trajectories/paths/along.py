@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Interval
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, refuse_idle
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, SETTINGS
 from uavbench.trajectories.files.tables import line_of_row, numbers
 from uavbench.trajectories.obstacles import ObstacleMesh
@@ -183,6 +183,8 @@ def _length(points: Array) -> float:
 
 def _run(frame: Frame, overrun_m: float, stretch_m: tuple[float, float] | None) -> tuple[float, float]:
     if stretch_m is not None:
+        if overrun_m:
+            raise UserError(f"overrun_m {overrun_m:g} has no effect: stretch_m names both ends; leave one out")
         middle = (frame.ahead[0] + frame.ahead[1]) / 2
         if stretch_m[0] >= stretch_m[1]:
             raise UserError(f"stretch_m {stretch_m} must be increasing")
@@ -210,6 +212,9 @@ class Waypoints:
     duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
     usual_speed_m_s: ClassVar[float] = 0.5
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"dwell_s": ("stop",)})
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan through the points; UserError naming the file and line."""

@@ -8,6 +8,7 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.errors import refuse_idle
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
@@ -33,6 +34,9 @@ class Barometer:
     drift_pa: Annotated[float, Ge(0)] = 0.0
     drift_s: Annotated[float, Gt(0)] = 120.0
     floor_pressure_pa: Annotated[float, Gt(0)] = 101325.0
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"drift_s": ("drift_pa",)})
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Pressure in Pa and height above the floor in m."""

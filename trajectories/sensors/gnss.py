@@ -10,6 +10,7 @@ from annotated_types import Ge, Gt, Interval, Le
 from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.errors import refuse_idle
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Angle, Array
 from uavbench.trajectories.sensors.satellites import PER_PLANE, PLANES, sky
@@ -55,6 +56,9 @@ class Gnss:
     latitude_deg: Annotated[float, Interval(ge=-90, le=90)] = 40.8
     north_deg: Angle = 0.0
     epoch_s: Annotated[float, Ge(0)] = 0.0
+
+    def __post_init__(self) -> None:
+        refuse_idle(self, {"slow_s": ("slow_m",)})
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Satellites in view and dilution of precision; position and velocity in the world where there is a fix."""

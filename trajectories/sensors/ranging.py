@@ -58,6 +58,11 @@ class LaserRanging:
     def __post_init__(self) -> None:
         check_limits(self.least_range_m, self.greatest_range_m)
         check_offset(self.offset_m)
+        if self.far_noise_m == self.noise_m and self.far_m != type(self).far_m:
+            raise ValueError(
+                f"far_m {self.far_m:g} has no effect: noise_m and far_noise_m are both {self.noise_m:g}; give another "
+                "far_noise_m, or leave far_m out"
+            )
         for name in ("noise_m", "far_noise_m", "resolution_m"):
             if getattr(self, name) > NOISIEST_M:
                 raise ValueError(f"{name} {getattr(self, name):g} is more than {NOISIEST_M:g} m; give it in metres")

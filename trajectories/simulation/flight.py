@@ -59,6 +59,9 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
         if isinstance(guidance, Replay):
             if spec.wind != Still():
                 raise UserError("a recorded motion is replayed as it is, and no wind moves it; leave out `wind`")
+            _refuse_given(
+                spec, ("control", "clearance_m", "saturation_share"), "a recorded motion is replayed as it is"
+            )
             return _checked(guidance.record, None, spec, mount, obstacles, vehicle)
         return _simulated(_begin(spec, guidance, vehicle, obstacles, seed), spec, mount, obstacles, vehicle)
 
@@ -137,7 +140,16 @@ def _begin(
     air = air_of(spec.wind, steps, STEP_S, stream(seed, "wind"))
     if isinstance(guidance, Planned):
         check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
+    else:
+        _refuse_given(spec, ("clearance_m",), "this path is decided in flight, so there is no plan to be checked")
     return Simulation(vehicle, spec.control.gains(), guide(guidance) if guide else guidance, air, obstacles)
+
+
+def _refuse_given(spec: FlightSpec, keys: tuple[str, ...], why: str) -> None:
+    """UserError for the first of the keys that is not its default, and has no effect."""
+    for key in keys:
+        if getattr(spec, key) != getattr(FlightSpec(), key):
+            raise UserError(f"flight.{key} has no effect: {why}; leave it out")
 
 
 def _flight(record: Array, crashed: bool) -> Flight:
