@@ -13,7 +13,7 @@ from pathlib import Path
 from uavbench.bench.gate.decision import Finding, Margins, gate, is_share, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
-from uavbench.bench.runner.output_folder import VERDICT, VERDICT_FILES
+from uavbench.bench.runner.output_folder import VERDICT, VERDICT_FILES, note_verdict
 from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
 from uavbench.trajectories.errors import DiskError
@@ -38,6 +38,8 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
     findings = gate(results, baseline, margins)
     with _alone_in(out):
         write_reports(findings, margins, out, write_worst(results, baseline, margins, out))
+        for folder in (results, baseline):
+            note_verdict(folder, out)
     say(to_text(findings))
     return EXIT_CODES[overall(findings)]
 

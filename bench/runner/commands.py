@@ -24,7 +24,7 @@ from uavbench.bench.runner.extent import (
 )
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights, plans_of_scores
-from uavbench.bench.runner.output_folder import GATE, refuse_foreign_folder, remove_verdict, resolved, suite_folder
+from uavbench.bench.runner.output_folder import refuse_foreign_folder, remove_verdicts, resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures
 from uavbench.bench.said import say
@@ -92,7 +92,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
         disown_stale_scores(suite, folder, part)
         if any(job.verb == "score" for job in not_fresh(jobs)):
-            remove_verdict(folder / GATE)
+            remove_verdicts(folder)
         outcome = run_graph(jobs, *pool)
         if changed := disown_touched(jobs, planned, outcome.done):
             say(changed, err=True)
@@ -135,7 +135,7 @@ def disown_stale_scores(suite: Suite, folder: Path, part: Suite) -> None:
 
     Those of replays and of flights, whichever are made now. part: what this process runs of the suite; other shards may
     be making the rest, of which only scores that were made of other inputs are stale. Scores that no job made, as those
-    of `uavbench compare` or of a copy without records, stay as they are. The gate's verdict on stale ones is removed.
+    of `uavbench compare` or of a copy without records, stay as they are. The gate's verdicts on stale ones are removed.
     """
     stale = [
         job
@@ -151,7 +151,7 @@ def disown_stale_scores(suite: Suite, folder: Path, part: Suite) -> None:
     for job in stale:
         job.place.disown()
     if stale:
-        remove_verdict(folder / GATE)
+        remove_verdicts(folder)
 
 
 def not_fresh(jobs: list[Job]) -> list[Job]:

@@ -1,6 +1,7 @@
 """The output folder of a suite: claimed by name, used by one process at a time."""
 
 import fcntl
+import hashlib
 import json
 import os
 import stat
@@ -10,10 +11,13 @@ from pathlib import Path
 
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
+from uavbench.bench.runner.written_files import Record, Stamp
 from uavbench.bench.third_party.registry import absent
+from uavbench.reports.run_folder import RECORDS, has_older_report
+from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import DiskError, UserError
 from uavbench.trajectories.files.listed import Listed, Marker, tree
-from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
+from uavbench.trajectories.files.origin import owning, refuse_foreign_file, refuse_within_whole
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
 from uavbench.trajectories.files.writing import write_text
@@ -22,10 +26,18 @@ SUITE = "suite.json"
 RESULTS = "results of a suite"
 DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2, "failed": 1, "made": 4}
 """Folders in which files are written under temporary names, and the number of levels below."""
+OLDER = (
+    '<p role="alert" style="margin:0;padding:.6em 1em;background:#b00020;color:#fff;font-weight:bold">'
+    "This page is of an earlier run: the scores or the suite have changed since. Write it again with "
+    "<code>uavbench report</code>.</p>"
+)
+"""What is put at the top of a page that is left from an earlier run."""
 GATE = "gate"
 """Folder of the verdict on the results, unless another one is named."""
 VERDICT = "verdict of the gate"
 VERDICT_FILES = ("gate.json", "gate.xml", "gate.md")
+ELSEWHERE = Marker("verdicts.json", "verdicts of the gate in other folders")
+"""The verdicts on the results, or with them as the baseline, that are in other folders."""
 WORST = "worst"
 WORST_MARKER = Marker("worst.json", "worst sequences of a gate")
 """The pictures beside a verdict."""
@@ -75,6 +87,63 @@ def remove_verdict(folder: Path) -> None:
         pictures.rmdir()
 
 
+def note_verdict(folder: Path, verdict: Path) -> None:
+    """Note in a suite's folder a verdict in another one, which is removed once the scores are made anew.
+
+    In a folder that is not a suite's, or is read-only, nothing is noted.
+    """
+    if verdict.resolve() == (folder / GATE).resolve() or not sealed_kind(folder / SUITE):
+        return
+    found = _digest(verdict)
+    noted = {**_verdicts(folder), str(verdict.resolve()): found}
+    with suppress(OSError, UserError):
+        write_text(folder / ELSEWHERE.name, json.dumps({"verdicts": noted}, indent=1) + "\n", kind=ELSEWHERE.kind)
+
+
+def remove_verdicts(folder: Path) -> None:
+    """Remove the verdicts on the results of a suite's folder: that in it, and those noted in it, if they still are it.
+
+    One that cannot be removed stays.
+    """
+    remove_verdict(folder / GATE)
+    for place, digest in _verdicts(folder).items():
+        with suppress(OSError, UserError):
+            if _digest(Path(place)) == digest:
+                remove_verdict(Path(place))
+    if sealed_kind(folder / ELSEWHERE.name) == ELSEWHERE.kind:
+        (folder / ELSEWHERE.name).unlink(missing_ok=True)
+
+
+def _verdicts(folder: Path) -> dict[str, str]:
+    """Digest of the verdict in each folder that is noted."""
+    path = folder / ELSEWHERE.name
+    if sealed_kind(path) != ELSEWHERE.kind:
+        return {}
+    return {str(place): str(digest) for place, digest in read_json(path)["verdicts"].items()}
+
+
+def _digest(verdict: Path) -> str:
+    """Digest of a verdict, "" where there is none."""
+    path = verdict / VERDICT_FILES[0]
+    return hashlib.sha256(path.read_bytes()).hexdigest() if sealed_kind(path) == VERDICT else ""
+
+
+def mark_older_pages(folder: Path) -> None:
+    """Say on each page of the report in a folder that it is of earlier scores; a page that was edited since stays."""
+    for path in (folder / RECORDS / name for name in ("report.json", "flights.json")):
+        record = Record.read(path)
+        marked = {}
+        for name, stamp in record.files.items():
+            page = folder / name
+            if page.suffix != ".html" or stamp.now(page) is None or OLDER in (text := page.read_text(encoding="utf-8")):
+                continue
+            with owning({page}):
+                write_text(page, text.replace("<body>", f"<body>\n{OLDER}", 1))
+            marked[name] = Stamp.of(page)
+        if marked:
+            Record("", {**record.files, **marked}).write(path)
+
+
 @contextmanager
 def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: str = RESULTS) -> Iterator[Path]:
     """The folder, created or reopened; UserError when it holds something other than this kind or is in use.
@@ -109,6 +178,9 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
             raise
         finally:
             clean_leftovers(folder, alone=shard is None)
+            with suppress(OSError, UserError):  # the run tells what is wrong with the folder
+                if has_older_report(folder):
+                    mark_older_pages(folder)
 
 
 def clean_leftovers(folder: Path, *, alone: bool) -> None:
@@ -151,7 +223,7 @@ def _describe(folder: Path, suite: Suite, kind: str) -> None:
     refuse_foreign_file(path, kind)
     if not (path.exists() and path.read_text(encoding="utf-8").startswith(text.removesuffix("\n}\n"))):
         if path.exists():  # of other trackers or sequences
-            remove_verdict(folder / GATE)
+            remove_verdicts(folder)
         write_text(path, text, kind=kind)
 
 

@@ -285,6 +285,67 @@ def test_a_run_that_makes_scores_anew_leaves_no_verdict_on_earlier_ones(tmp_path
     assert kept == ["mine.md", "worst/mine.png"]
 
 
+@pytest.mark.parametrize("anew", ["out", "base"])
+def test_scores_that_are_made_anew_leave_no_verdict_on_or_by_them_elsewhere(tmp_path, anew):
+    suite, out, base, ci = small_suite(tmp_path), tmp_path / "out", tmp_path / "base", tmp_path / "ci"
+
+    def call(*words):
+        return CliRunner().invoke(main, [*map(str, words)]).exit_code
+
+    assert call("score", suite, "--out", out) == 0
+    shutil.copytree(out, base)
+    for place in ("plain", "edited", "copied", "replaced"):
+        assert call("gate", out, "--baseline", base, "--out", ci / place) == 3
+    assert call("gate", out, "--baseline", base) == 3
+    (ci / "edited" / "gate.json").write_text("{}")
+    shutil.copytree(ci / "copied", tmp_path / "copy")
+    for folder in ("third", "fourth"):
+        shutil.copytree(base, tmp_path / folder)
+    assert (
+        call("gate", tmp_path / "third", "--baseline", tmp_path / "fourth", "--margin", "9%", "--out", ci / "replaced")
+        == 3
+    )
+    assert call("score", suite, "--out", tmp_path / anew) == 0
+    assert len([*tmp_path.rglob("gate.md")]) == 6, "nothing was made anew"
+    suite.write_text(suite.read_text().replace('kind = "hold"', 'kind = "vo"'))
+    assert call("score", suite, "--out", tmp_path / anew) == 0
+    kept = {path.parent.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("gate.json")}
+    assert kept == {"ci/edited", "copy", "ci/replaced"}
+    assert not (tmp_path / anew / "verdicts.json").exists()
+
+
+def test_pages_of_a_report_are_marked_when_its_scores_are_made_anew(tmp_path):
+    suite, out = small_suite(tmp_path), tmp_path / "out"
+    text = suite.read_text()
+
+    def call(verb):
+        assert CliRunner().invoke(main, [verb, str(suite), "--out", str(out)]).exit_code == 0
+
+    def marked():
+        return [
+            page.name for page in sorted(out.rglob("*.html")) if "This page is of an earlier run" in page.read_text()
+        ]
+
+    call("run")
+    pages = [page.name for page in sorted(out.rglob("*.html"))]
+    call("score")
+    assert len(pages) == 3 and marked() == []
+    suite.write_text(text.replace('kind = "hold"', 'kind = "vo"'))
+    edited = out / "pages" / "box-s1.html"
+    edited.write_text(edited.read_text() + "<!-- mine -->")
+    call("score")
+    assert marked() == [name for name in pages if name != edited.name]
+    call("score")
+    assert (out / "index.html").read_text().count("This page is of an earlier run") == 1
+    edited.unlink()
+    suite.write_text(text)
+    call("report")
+    assert marked() == []
+    suite.write_text(text.replace("seeds = [0, 1]", "seeds = [0]"))
+    call("render")
+    assert "index.html" in marked()
+
+
 def test_files_of_gates_at_the_same_time_are_of_one_verdict(sides, tmp_path, monkeypatch):
     head, base = sides(lambda rng: drawn(rng, factor=1.2))
     write = findings.write_text
