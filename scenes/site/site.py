@@ -70,8 +70,7 @@ class Site:
     dirt: Annotated[float, Interval(ge=0, le=1)] = 0.0
 
     def __post_init__(self) -> None:
-        needs = {"neighbours_from_m": ("neighbours",), "cloud_size_m": ("cloud_shadow",), "wind_m_s": ("cloud_shadow",)}
-        refuse_idle(self, needs)
+        refuse_idle(self, {"neighbours_from_m": ("neighbours",), "cloud_size_m": ("cloud_shadow",)})
 
     def build(self, ground: Material, built: BuiltStructure, streams: Streams) -> BuiltSite:
         """The site around a structure; ground is the material of the level ground.
