@@ -6,11 +6,10 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.sequence import EDGE_COLUMNS
@@ -20,6 +19,9 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY
 from uavbench.trajectories.files.reading import opened
 from uavbench.trajectories.files.writing import write_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TOLERANCE_LEVELS = 3
 TOLERANCE_SHARE = 0.999
@@ -169,6 +171,8 @@ def _edges_differ(one: Path, other: Path) -> str:
 
 def _visible_px(path: Path) -> "pd.Series[float]":
     """Visible length of each edge in px, by the row of the edge."""
+    import pandas as pd
+
     rows = pd.DataFrame(read_numbers(path, list(EDGE_COLUMNS)), columns=list(EDGE_COLUMNS))
     rows["px"] = np.hypot(rows.u1_px - rows.u0_px, rows.v1_px - rows.v0_px)
     return rows.groupby("edge")["px"].sum()

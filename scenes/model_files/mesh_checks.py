@@ -13,9 +13,8 @@ import numpy as np
 from uavbench.scenes.model_files.face_limits import MOST_TRIANGLES, check_count
 from uavbench.scenes.model_files.gltf.features import check_features
 from uavbench.scenes.model_files.gltf.images import GLB_JSON, check_embedded
-from uavbench.scenes.model_files.model_folder import read_library, textures_of
 from uavbench.scenes.model_files.obj.materials import LIBRARY, libraries, texture_lines
-from uavbench.scenes.model_files.referenced_files import is_beside, is_there
+from uavbench.scenes.model_files.referenced_files import is_beside, is_there, read_library, textures_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL, MOST_PIXELS
 from uavbench.trajectories.files.reading import json_value

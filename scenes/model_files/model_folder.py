@@ -9,18 +9,10 @@ from trimesh.resolvers import Resolver
 
 from uavbench.scenes.image_files import TEXTURES, refuse_damage, size_px
 from uavbench.scenes.model_files.obj.colours import check_colours
-from uavbench.scenes.model_files.obj.materials import (
-    TextureMap,
-    found_name,
-    libraries,
-    texture_lines,
-    texture_map,
-    textures_by_material,
-    with_plain_names,
-)
-from uavbench.scenes.model_files.referenced_files import is_beside, is_there
+from uavbench.scenes.model_files.obj.materials import TextureMap, libraries, textures_by_material, with_plain_names
+from uavbench.scenes.model_files.referenced_files import found_texture, is_beside, is_there, read_library
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MODEL, SETTINGS
+from uavbench.trajectories.files.limits import MODEL
 from uavbench.trajectories.files.reading import read_bytes
 
 MATERIALS = "uavbench materials"
@@ -79,21 +71,3 @@ class ModelFolder(Resolver):
     def write(self, name: str, data: Any) -> NoReturn:
         """Not supported: models are read only."""
         raise NotImplementedError(name)
-
-
-def read_library(folder: Path, name: str) -> str:
-    """Text of a material library in the model's folder; UserError when it cannot be read."""
-    return read_bytes(folder / name, SETTINGS, inside=folder).decode("utf-8", "replace")
-
-
-def found_texture(folder: Path, library: str, name: str) -> str:
-    """Name, from the model's folder, of a texture that a library names: beside the library, or beside the model."""
-    below = Path(library).parent
-    beside = str(below / found_name(name, lambda word: is_beside(folder, str(below / word))))
-    return beside if is_beside(folder, beside) else found_name(name, partial(is_beside, folder))
-
-
-def textures_of(folder: Path, library: str) -> list[str]:
-    """Names, from the model's folder, of the textures of a library; UserError as `texture_map`."""
-    lines = texture_lines(read_library(folder, library))
-    return [found_texture(folder, library, texture_map(line).name) for line in lines]

@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from urllib.parse import unquote
 
-from uavbench.scenes.model_files.obj.materials import spellings
-from uavbench.trajectories.files.limits import MODEL
-from uavbench.trajectories.files.reading import json_value
+from uavbench.scenes.model_files.obj.materials import found_name, spellings, texture_lines, texture_map
+from uavbench.trajectories.files.limits import MODEL, SETTINGS
+from uavbench.trajectories.files.reading import json_value, read_bytes
 from uavbench.trajectories.source_files import stamp
 
 REFERENCES = {
@@ -109,3 +109,21 @@ def is_there(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long, or has a null character
         return False
+
+
+def read_library(folder: Path, name: str) -> str:
+    """Text of a material library in the model's folder; UserError when it cannot be read."""
+    return read_bytes(folder / name, SETTINGS, inside=folder).decode("utf-8", "replace")
+
+
+def found_texture(folder: Path, library: str, name: str) -> str:
+    """Name, from the model's folder, of a texture that a library names: beside the library, or beside the model."""
+    below = Path(library).parent
+    beside = str(below / found_name(name, lambda word: is_beside(folder, str(below / word))))
+    return beside if is_beside(folder, beside) else found_name(name, partial(is_beside, folder))
+
+
+def textures_of(folder: Path, library: str) -> list[str]:
+    """Names, from the model's folder, of the textures of a library; UserError as `texture_map`."""
+    lines = texture_lines(read_library(folder, library))
+    return [found_texture(folder, library, texture_map(line).name) for line in lines]
