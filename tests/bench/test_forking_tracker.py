@@ -68,7 +68,8 @@ DEADLINE_S = 500
 def test_the_command_ends_with_one_result_and_its_output_closed(tmp_path, child):
     (tmp_path / "forking.py").write_text(TRACKER)
     suite = recorded_suite(tmp_path, f'forking = {{ kind = "forking:Forking", child = "{child}" }}\n')
-    command = [sys.executable, "-m", "uavbench.bench.cli.main", "track", str(suite), "--out", str(tmp_path / "out")]
+    given = ["track", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    command = [sys.executable, "-m", "uavbench.bench.cli.main", *given]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 0, done.stderr
     assert "0 failed" in done.stderr

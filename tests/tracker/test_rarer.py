@@ -1,6 +1,7 @@
 """What a search fits again and keeps room for, and which poses it does not call right."""
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -31,13 +32,24 @@ def off(pose, shift_m):
 class Searched:
     """Fits by a fitter that has learned nothing to an image of boxes along x, looked at from a pose."""
 
-    def __init__(self, boxes, pose, step_s=1.0):
-        triangles = np.concatenate([BOX_TRIANGLES + 8 * k for k in range(len(boxes))])
-        structure = Structure.from_mesh(np.concatenate(boxes), triangles)
-        self.pose, self.image = pose, Scene(boxes, seed=2).render(pose, noise_rng=np.random.default_rng(3))
-        self.fitter = EdgeFitter(structure, CAMERA, np.random.default_rng(0), CONFIG)
-        self.relocator = Relocator(self.fitter, CAMERA)
-        self.fitter.begin(0, step_s)
+    def __init__(self, boxes, pose):
+        self.boxes, self.pose = boxes, pose
+
+    @cached_property
+    def image(self):
+        return Scene(self.boxes, seed=2).render(self.pose, noise_rng=np.random.default_rng(3))
+
+    @cached_property
+    def fitter(self):
+        triangles = np.concatenate([BOX_TRIANGLES + 8 * k for k in range(len(self.boxes))])
+        structure = Structure.from_mesh(np.concatenate(self.boxes), triangles)
+        fitter = EdgeFitter(structure, CAMERA, np.random.default_rng(0), CONFIG)
+        fitter.begin(0, 1.0)
+        return fitter
+
+    @cached_property
+    def relocator(self):
+        return Relocator(self.fitter, CAMERA)
 
     def at(self, shift_m):
         """The fit at the true pose, with the structure moved by so much along x."""

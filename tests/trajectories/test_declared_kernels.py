@@ -16,7 +16,12 @@ FILES = {
     for package in ("trajectories", "scenes", "tracker", "reports", "bench")
     for path in sorted((ROOT / package).rglob("*.py"))
 }
-TREES = {name: ast.parse(path.read_bytes()) for name, path in FILES.items()}
+
+
+@pytest.fixture(scope="module")
+def trees():
+    """The syntax trees of all modules, by name."""
+    return {name: ast.parse(path.read_bytes()) for name, path in FILES.items()}
 
 
 def decorated(node):
@@ -31,12 +36,21 @@ def decorated(node):
     return ""
 
 
-UNDECLARED = {
-    f"{module}.{node.name}"
-    for module, tree in TREES.items()
-    for node in tree.body
-    if decorated(node) == "for its callers"
-}
+@pytest.fixture(scope="module")
+def undeclared(trees):
+    """Names of the kernels without declared arguments."""
+    return {
+        f"{module}.{node.name}"
+        for module, tree in trees.items()
+        for node in tree.body
+        if decorated(node) == "for its callers"
+    }
+
+
+@pytest.fixture(scope="module")
+def called(trees):
+    """For each module, the full names of all that its own Python code calls."""
+    return {module: set(called_from_python(module, tree)) for module, tree in trees.items()}
 
 
 def called_from_python(module, tree):
@@ -61,31 +75,25 @@ def called_from_python(module, tree):
         waiting += ast.iter_child_nodes(node)
 
 
-def test_kernels_for_their_callers_are_there_and_some_are_declared():
-    assert "uavbench.trajectories.geometry.vectors.cross" in UNDECLARED
+def test_kernels_for_their_callers_are_there_and_some_are_declared(undeclared):
+    assert "uavbench.trajectories.geometry.vectors.cross" in undeclared
     assert len(kernels_of([generate.__module__])) > 12
 
 
-CALLED = {name for module, tree in TREES.items() for name in called_from_python(module, tree)}
-
-
 @pytest.mark.parametrize("kind", ["inner", "as declared"])
-def test_a_kernel_is_inner_where_only_kernels_call_it(kind):
+def test_a_kernel_is_inner_where_only_kernels_call_it(trees, called, kind):
     kernels = {
-        f"{module}.{node.name}" for module, tree in TREES.items() for node in tree.body if decorated(node) == kind
+        f"{module}.{node.name}" for module, tree in trees.items() for node in tree.body if decorated(node) == kind
     }
     assert len(kernels) > 25
-    assert (kernels & CALLED if kind == "inner" else kernels - CALLED) == set()
+    by_python = set().union(*called.values())
+    assert (kernels & by_python if kind == "inner" else kernels - by_python) == set()
 
 
 @pytest.mark.parametrize("package", ["trajectories", "scenes", "tracker", "reports", "bench"])
-def test_what_python_calls_is_declared(package):
+def test_what_python_calls_is_declared(called, undeclared, package):
     found = {
-        (module, name)
-        for module, tree in TREES.items()
-        if module.split(".")[1] == package
-        for name in called_from_python(module, tree)
-        if name in UNDECLARED
+        (module, name) for module in called if module.split(".")[1] == package for name in called[module] & undeclared
     }
     assert not found
 
