@@ -1,5 +1,6 @@
 """The order of the tests, a core for each of the processes that run them, and Hypothesis without wall-clock limits."""
 
+import gc
 import os
 
 import pytest
@@ -10,9 +11,16 @@ settings.load_profile("any machine")
 
 
 def pytest_configure(config):
-    """Have `--dist loadfile` keep the order below: its own, by how many tests a file has, puts the longest last."""
+    """Have `--dist loadfile` keep the order below: its own, by how many tests a file has, puts the longest last.
+
+    Each of several processes has a core of its own, and so have the commands that it starts: they start one worker,
+    which takes seconds of processor time, unless a test asks for more, and the libraries start no threads.
+    """
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
+    if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
 SHARED = ("tests/reports/", "tests/bench/test_challenge_")
@@ -44,14 +52,7 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: -seconds.get(item.path, 0))
 
 
-@pytest.fixture(scope="module")
-def one_core():
-    """This process and the commands that it starts use one core, so that each command starts one worker.
-
-    A worker takes seconds to start. Where another process runs tests beside this one, each has a core of its own.
-    """
-    cores = sorted(os.sched_getaffinity(0))
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    os.sched_setaffinity(0, {cores[worker % len(cores)]})
-    yield
-    os.sched_setaffinity(0, cores)
+def pytest_collection_finish():
+    """Leave the thousands of tests and their modules out of each garbage collection from here on."""
+    gc.collect()
+    gc.freeze()

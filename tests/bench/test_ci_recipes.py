@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.ci, pytest.mark.slow, pytest.mark.usefixtures("one_core")]
+pytestmark = [pytest.mark.ci, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 RECIPES = ROOT / "ci-recipes"
 SUITE = """

@@ -82,7 +82,7 @@ def suite(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(suite, tmp_path_factory):
     out = tmp_path_factory.mktemp("done") / "out"
-    run = uavbench("run", suite, "--out", out)
+    run = uavbench("run", suite, "--out", out, "--jobs", 2)
     assert run.returncode == 0, run.stderr
     return out, run
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.docs.pages import PAGES, ROOT, blocks
 
-pytestmark = [pytest.mark.ci, pytest.mark.slow(seconds=300), pytest.mark.usefixtures("one_core")]
+pytestmark = [pytest.mark.ci, pytest.mark.slow(seconds=300)]
 TINY = re.compile(r"uavbench (?:run|score) tiny --out (\S+)")
 ENVIRONMENT = {
     **os.environ,

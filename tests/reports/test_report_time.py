@@ -87,7 +87,7 @@ def test_plain_powers_are_plain_numbers() -> None:
 
 
 def test_the_garbage_collector_is_left_as_it_was() -> None:
-    assert not gc.get_freeze_count()
+    gc.unfreeze()  # of tests/conftest.py
     with house_style():
         assert gc.get_freeze_count()
         with house_style():
@@ -101,3 +101,4 @@ def test_the_garbage_collector_is_left_as_it_was() -> None:
         assert gc.get_freeze_count(), "a user's own stays"
     finally:
         gc.unfreeze()
+        gc.freeze()
