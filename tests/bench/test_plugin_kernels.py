@@ -161,19 +161,39 @@ def ran(folder, way, *more, **variables):
     return told["numbers"], told["hits"]
 
 
+def edit_the_callee(folder):
+    (folder / "callee_of_test.py").write_text(CALLEE.replace("return SCALE", "return 2.0 * SCALE"))
+
+
+def edit_what_is_read_at_run_time(folder):
+    (folder / "found_at_run_time.py").write_text("VALUE = 5.0\n")
+    (folder / "table.txt").write_text("20.0")
+
+
+def edit_an_input(folder):
+    (folder.parent / "given.txt").write_text("200.0")
+
+
+def test_numbers_are_those_of_an_empty_cache_after_every_change(folder):
+    assert ran(folder, "own process") == ([116.0, 106.0, 6.0, 6.0], 0)
+    edit_the_callee(folder)
+    assert ran(folder, "own process") == ([122.0, 112.0, 12.0, 12.0], 0), "a function of another file"
+    edit_what_is_read_at_run_time(folder)
+    told = "a module found at run time, and a file that is named"
+    assert ran(folder, "own process") == ([137.0, 117.0, 12.0, 12.0], 0), told
+    edit_an_input(folder)
+    assert ran(folder, "own process")[0] == [237.0, 217.0, 12.0, 12.0], "a declared input file"
+
+
 @pytest.mark.parametrize(
     "way", ["own process", "worker", pytest.param("dask", marks=[pytest.mark.ci, pytest.mark.slow])]
 )
-def test_numbers_are_those_of_an_empty_cache_after_every_change(folder, way):
+def test_numbers_are_kept_until_something_changes_wherever_the_plugin_runs(folder, way):
     assert ran(folder, way) == ([116.0, 106.0, 6.0, 6.0], 0)
     assert ran(folder, way) == ([116.0, 106.0, 6.0, 6.0], 1), "kept for the next process"
-    (folder / "callee_of_test.py").write_text(CALLEE.replace("return SCALE", "return 2.0 * SCALE"))
-    assert ran(folder, way) == ([122.0, 112.0, 12.0, 12.0], 0), "a function of another file"
-    (folder / "found_at_run_time.py").write_text("VALUE = 5.0\n")
-    (folder / "table.txt").write_text("20.0")
-    assert ran(folder, way) == ([137.0, 117.0, 12.0, 12.0], 0), "a module found at run time, and a file that is named"
-    (folder.parent / "given.txt").write_text("200.0")
-    assert ran(folder, way)[0] == [237.0, 217.0, 12.0, 12.0], "a declared input file"
+    for edit in (edit_the_callee, edit_what_is_read_at_run_time, edit_an_input):
+        edit(folder)
+    assert ran(folder, way)[0] == [237.0, 217.0, 12.0, 12.0]
     assert not list(folder.glob("__pycache__/*.nb?")), "nothing beside the plug-in"
 
 
