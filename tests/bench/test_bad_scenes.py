@@ -5,6 +5,9 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
+
+from uavbench.bench.cli.main import main
 
 SUITE = """
 title = "t"
@@ -49,11 +52,12 @@ def uavbench(*arguments, folder):
         ("rate_hz = 2.0", "rates_hz[0]: 5 Hz is more than the 2 Hz of sequence box-s0"),
     ],
 )
-def test_mistakes_in_the_file_are_told_before_anything_is_rendered(tmp_path, lines, told):
+def test_mistakes_in_the_file_are_told_before_anything_is_rendered(tmp_path, monkeypatch, lines, told):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text(SUITE + SEQUENCE.replace("NAME", "box") + lines)
     for words in ((), ("--dry-run",)):
-        done = uavbench("render", "bad.toml", "--out", "out", *words, folder=tmp_path)
-        assert (done.returncode, done.stdout) == (2, "")
+        done = CliRunner().invoke(main, ["render", "bad.toml", "--out", "out", *words])
+        assert (done.exit_code, done.stdout) == (2, "")
         assert done.stderr == f"uavbench: bad.toml: 1 mistake\n  {told}\n"
     assert not (tmp_path / "out").exists()
 

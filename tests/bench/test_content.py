@@ -104,22 +104,32 @@ def test_a_plugin_is_all_that_it_imports(folder, way):
     assert content_hash(mine) != before
 
 
+KEYS = """
+import importlib, os, sys
+from pathlib import Path
+from uavbench.bench.config.plugin_models import import_plugin
+from uavbench.bench.inputs.content_hash import content_hash
+
+for gain in "122":
+    for name in ("this.py", "antigravity/inner.py"):
+        (Path(sys.argv[1]) / name).write_text(f"GAIN = {gain}\\n")
+    importlib.invalidate_caches()
+    if not (child := os.fork()):  # a process that has imported none of them
+        print(content_hash(import_plugin("mine:Mine")()), flush=True)
+        os._exit(0)
+    assert not os.waitpid(child, 0)[1]
+"""
+"""Prints the keys of a plug-in, each with another content of the modules that it may import, and the last one twice."""
+
+
 @pytest.mark.parametrize("way", ["import this", "def late():\n    import this", "import antigravity.inner"])
 def test_a_module_of_a_name_of_pythons_enters_where_it_comes_first_on_the_path(tmp_path, way):
     """As `code.py` or `profile.py` beside a plug-in, which Python imports in place of its own."""
     write(tmp_path / "mine.py", PLUGIN.format(imports=way))
     write(tmp_path / "antigravity" / "__init__.py")
     write(tmp_path / "json" / "not_a_package.txt")
-    code = (
-        "from uavbench.bench.config.plugin_models import import_plugin as i\n"
-        "from uavbench.bench.inputs.content_hash import content_hash\nprint(content_hash(i('mine:Mine')()))"
-    )
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"}
-    keys = []
-    for text in ("1", "2", "2"):
-        write(tmp_path / "this.py", f"GAIN = {text}\n")
-        write(tmp_path / "antigravity" / "inner.py", f"GAIN = {text}\n")
-        keys.append(subprocess.check_output([sys.executable, "-c", code], env=environment, text=True))
+    keys = subprocess.check_output([sys.executable, "-c", KEYS, tmp_path], env=environment, text=True).split()
     assert keys[0] != keys[1] == keys[2]
 
 
