@@ -107,14 +107,18 @@ class Scene:
     ) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) uint8, with shot and read noise when a generator is given."""
         height, width = camera.height * supersample, camera.width * supersample
-        d = (_rays(camera, supersample) @ cam_from_world.rotation).T.reshape(3, height, width)
+        d = np.ascontiguousarray((_rays(camera, supersample) @ cam_from_world.rotation).T).reshape(3, height, width)
         o = cam_from_world.inverse().translation
-        full = np.full((height, width, 3), 180.0, np.float32)
-        depth = np.full((height, width), np.inf)
         t = -o[2] / np.where(d[2] == 0, 1e-12, d[2])
         hit = (t > 0) & (t < 50)
-        full[hit] = _sample(self.floor, np.column_stack([o[k] + t[hit] * d[k, hit] for k in (0, 1)]) / 1.5)
-        depth[hit] = t[hit]
+        depth = np.where(hit, t, np.inf)
+        pixels = slice(None) if hit.all() else np.flatnonzero(hit)
+        reach = t.ravel()[pixels]
+        on_floor = np.empty((len(reach), 2))
+        for k in (0, 1):
+            on_floor[:, k] = (o[k] + reach * d[k].ravel()[pixels]) / 1.5
+        full = np.full((height, width, 3), 180.0, np.float32)
+        full.reshape(-1, 3)[pixels] = _sample(self.floor, on_floor)
         for face in self.faces:
             axis, side, at, u, v, low, high, tex = face
             if side * (o[axis] - at) <= 0:
@@ -160,9 +164,11 @@ def _window(face: Any, cam_from_world: Pose, camera: Camera, supersample: int) -
 
 def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
     size = tex.shape[0]
-    xy = (np.mod(uv, 1.0) * (size - 1)).astype(np.float32)
+    xy = ((uv - np.floor(uv)) * (size - 1)).astype(np.float32)
     n = len(xy)
-    xy = np.resize(xy, (-(-n // 1024) * 1024, 2)).reshape(-1, 1024, 2)  # cv2.remap takes no more than 32767 rows
+    if n % 1024:
+        xy = np.resize(xy, (-(-n // 1024) * 1024, 2))
+    xy = xy.reshape(-1, 1024, 2)  # cv2.remap takes no more than 32767 rows
     return cv2.remap(tex, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).reshape(-1, 3)[:n]
 
 
