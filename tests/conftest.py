@@ -9,18 +9,18 @@ from hypothesis import settings
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
+# Each of several processes has a core of its own, and so have the commands that it starts: they start one worker, which
+# takes seconds of processor time, unless a test asks for more. And NumPy, which counts the cores when it is imported
+# (by a conftest.py further down), starts no threads that spin while they wait for a core that they do not have.
+if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
+
 
 def pytest_configure(config):
-    """Have `--dist loadfile` keep the order below: its own, by how many tests a file has, puts the longest last.
-
-    Each of several processes has a core of its own, and so have the commands that it starts: they start one worker,
-    which takes seconds of processor time, unless a test asks for more, and the libraries start no threads.
-    """
+    """Have `--dist loadfile` keep the order below: its own, by how many tests a file has, puts the longest last."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
-    if worker := os.environ.get("PYTEST_XDIST_WORKER"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
 SHARED = ("tests/reports/", "tests/bench/test_challenge_")
