@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -18,6 +19,7 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.gate.paired_scores import read_side
 from uavbench.bench.inputs.touched_files import Stamps
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disowned_if_ended
+from uavbench.bench.runner.executors import Pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.render_suite import InProcess
@@ -53,6 +55,12 @@ CHANGED = "changed while jobs that use it ran: given.txt; the same command does"
 def _no_files_of_other_tests(monkeypatch):
     """What other tests of this process digested, and removed with their folders, is no input here."""
     monkeypatch.setattr(source_files, "_digested", {})
+
+
+@pytest.fixture
+def in_process(monkeypatch):
+    """Jobs run in the process of the tests: a worker of each command would import all that they need again."""
+    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", lambda _: nullcontext(Pool(InProcess(), None)))
 
 
 @pytest.fixture
@@ -110,6 +118,7 @@ def test_an_interrupt_leaves_nothing_fresh_that_was_made_of_both_contents(suite,
     assert not any(job.fresh for job in planned())
 
 
+@pytest.mark.usefixtures("in_process")
 def test_results_that_were_disowned_are_neither_compared_nor_read(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(SMALL.replace("seeds = [0, 1]", "seeds = [0]"))
@@ -122,6 +131,7 @@ def test_results_that_were_disowned_are_neither_compared_nor_read(tmp_path):
     assert ["run the suite again" in why for why in read_side(out).faults.values()] == [True]
 
 
+@pytest.mark.usefixtures("in_process")
 def test_scores_of_earlier_inputs_are_neither_compared_nor_read(tmp_path, monkeypatch):
     path, out = tmp_path / "small.toml", tmp_path / "out"
     (tmp_path / "tracker_that_breaks.py").write_text(BREAKS)
@@ -159,6 +169,7 @@ def test_scores_of_earlier_inputs_are_neither_compared_nor_read(tmp_path, monkey
     assert not read_side(out).faults, "no job made them: they are those of `compare`"
 
 
+@pytest.mark.usefixtures("in_process")
 def test_scores_of_earlier_inputs_are_not_read_after_a_shard_or_a_script_made_some_of_the_new_ones(tmp_path):
     """Scores of two trackers under one name were compared as those of one, and read as current."""
     path, out = tmp_path / "small.toml", tmp_path / "out"
@@ -180,6 +191,7 @@ def test_scores_of_earlier_inputs_are_not_read_after_a_shard_or_a_script_made_so
     assert [seed for _, _, seed in read_side(out).faults] == [0, 1]
 
 
+@pytest.mark.usefixtures("in_process")
 def test_flights_of_earlier_inputs_are_not_compared_after_the_suite_was_replayed(tmp_path):
     """`suite.json` names the flights of the suite as it is now: the gate took those from before for them."""
     path, out = tmp_path / "flown.toml", tmp_path / "out"
@@ -193,6 +205,7 @@ def test_flights_of_earlier_inputs_are_not_compared_after_the_suite_was_replayed
     assert not side.runs and {run for run, _, _ in side.faults} == {"hold@15hz", "truth@15hz"}
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_page_of_an_earlier_run_is_told_where_a_run_ends_without_a_report(tmp_path, capsys):
     path, out = tmp_path / "small.toml", tmp_path / "out"
     good = SMALL.replace("seeds = [0, 1]", "seeds = [0]")
@@ -204,6 +217,7 @@ def test_a_page_of_an_earlier_run_is_told_where_a_run_ends_without_a_report(tmp_
         assert (f"report: {out / 'index.html'}\n" in said.out) != told
 
 
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("verb", ["score", "render", "shard"])
 def test_a_page_of_other_scores_is_told_by_commands_that_write_none(tmp_path, capsys, verb):
     """The suite loses a tracker, and then its flights change."""
@@ -224,6 +238,7 @@ def test_a_page_of_other_scores_is_told_by_commands_that_write_none(tmp_path, ca
         assert (done.exit_code != 0) == told, done.output
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_page_of_other_flights_is_told_by_commands_that_write_none(tmp_path, capsys):
     path, out = tmp_path / "flown.toml", tmp_path / "out"
     path.write_text(FLOWN)
@@ -253,6 +268,7 @@ def interrupted(*_):
     raise KeyboardInterrupt
 
 
+@pytest.mark.usefixtures("in_process")
 def test_runs_that_the_suite_no_longer_has_are_not_read(tmp_path):
     path, out = tmp_path / "small.toml", tmp_path / "out"
     for text in (SMALL + 'mine = { kind = "hold" }\n', SMALL.replace("[0, 1]", "[0]")):
