@@ -1,5 +1,7 @@
 """A packed challenge that the tests of packages and of submissions share."""
 
+from contextlib import nullcontext
+
 import pytest
 from click.testing import CliRunner
 
@@ -26,10 +28,20 @@ hold = { kind = "hold" }
 """
 
 
+def in_this_process(_):
+    """In place of `local_pool`: the jobs run here. A worker would import all that they need again."""
+    from uavbench.bench.runner.executors import Pool
+    from uavbench.bench.runner.render_suite import InProcess
+
+    return nullcontext(Pool(InProcess(), None))
+
+
 def packed(suite, out, *more):
-    """Result of `uavbench pack`."""
-    given = ["pack", str(suite), "--without-truth", "--out", str(out), "--jobs", "1", *map(str, more)]
-    return CliRunner().invoke(main, given)
+    """Result of `uavbench pack`, whose jobs run in this process."""
+    given = ["pack", str(suite), "--without-truth", "--out", str(out), *map(str, more)]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("uavbench.bench.challenge.pack.local_pool", in_this_process)
+        return CliRunner().invoke(main, given)
 
 
 @pytest.fixture(scope="session")

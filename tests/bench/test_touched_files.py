@@ -3,7 +3,6 @@
 import json
 import shutil
 import sys
-from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import uavbench as ub
-from tests.bench.conftest import packed
+from tests.bench.conftest import in_this_process, packed
 from tests.bench.drawn_scores import drawn, write
 from tests.bench.small_suites import FLOWN, SMALL, small_suite
 from uavbench.bench.cli.main import main
@@ -19,7 +18,6 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.gate.paired_scores import read_side
 from uavbench.bench.inputs.touched_files import Stamps
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disowned_if_ended
-from uavbench.bench.runner.executors import Pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.render_suite import InProcess
@@ -59,8 +57,8 @@ def _no_files_of_other_tests(monkeypatch):
 
 @pytest.fixture
 def in_process(monkeypatch):
-    """Jobs run in the process of the tests: a worker of each command would import all that they need again."""
-    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", lambda _: nullcontext(Pool(InProcess(), None)))
+    """The jobs of commands run in the process of the tests."""
+    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
 
 
 @pytest.fixture
