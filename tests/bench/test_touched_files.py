@@ -59,6 +59,7 @@ def _no_files_of_other_tests(monkeypatch):
 def in_process(monkeypatch):
     """The jobs of commands run in the process of the tests."""
     monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
+    monkeypatch.setattr("uavbench.bench.sensitivity.study.local_pool", in_this_process)
 
 
 @pytest.fixture
@@ -85,6 +86,7 @@ def test_rendered_sequences_are_not_handed_to_a_script(suite, tmp_path):
     assert len(ub.render(suite, out=tmp_path / "out")) == 1
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_study_writes_no_table(suite, tmp_path):
     out = tmp_path / "out"
     command = ["sensitivity", str(suite), "--tracker", "mine", "--out", str(out), "--jobs", "1"]
