@@ -36,6 +36,13 @@ def in_this_process(_):
     return nullcontext(Pool(InProcess(), None))
 
 
+def in_one_process(*arguments):
+    """Result of a command on a suite, whose jobs run in this process."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
+        return CliRunner().invoke(main, list(map(str, arguments)))
+
+
 def packed(suite, out, *more):
     """Result of `uavbench pack`, whose jobs run in this process."""
     given = ["pack", str(suite), "--without-truth", "--out", str(out), *map(str, more)]

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.bench.conftest import in_one_process
 from tests.bench.small_suites import OWN_IMAGES, own_images
-from tests.bench.test_end_to_end import uavbench
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.trial.check import TRIAL
@@ -93,8 +93,8 @@ def test_a_gap_lasts_until_the_next_pose_or_the_end():
 
 
 def test_the_report_of_a_recording_has_no_error_in_it(own, tmp_path):
-    done = uavbench("run", own / "own.toml", "--out", tmp_path / "out", "--jobs", "1")
-    assert done.returncode == 0, done.stderr
+    done = in_one_process("run", own / "own.toml", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.stderr
     scores = json.loads((tmp_path / "out" / "scores.json").read_text())
     assert {score["label"] for score in scores["scores"]} == {"hold", "lsd"}
     assert scores["ground_truth"] is None
@@ -103,7 +103,7 @@ def test_the_report_of_a_recording_has_no_error_in_it(own, tmp_path):
     assert "no ground truth" in page
     for name in ("lsd", "hold"):
         assert (tmp_path / "out" / "figures" / f"overlay_own-s0_{name}@15hz.webp").stat().st_size > 1000
-    again = uavbench("run", own / "own.toml", "--out", tmp_path / "out", "--jobs", "1")
+    again = in_one_process("run", own / "own.toml", "--out", tmp_path / "out")
     assert "0 jobs done" in again.stderr
 
 
@@ -113,8 +113,8 @@ def test_a_recording_that_cannot_be_imported_is_named_in_the_report_of_the_other
     broken = SUITE[SUITE.index("[rec") : SUITE.index("[trackers]")].replace("init.toml", "broken.toml")
     broken = broken.replace("recordings.own", "recordings.broken")
     (tmp_path / "own" / "two.toml").write_text(SUITE.replace("[trackers]", f"{broken}[trackers]"))
-    done = uavbench("run", tmp_path / "own" / "two.toml", "--out", tmp_path / "out", "--jobs", "1")
-    assert done.returncode == 2 and "FAILED render broken-s0" in done.stderr
+    done = in_one_process("run", tmp_path / "own" / "two.toml", "--out", tmp_path / "out")
+    assert done.exit_code == 2 and "FAILED render broken-s0" in done.stderr
     assert "FAILED: no run on broken-s0" in done.stdout
     (reason,) = json.loads((tmp_path / "out" / "scores.json").read_text())["unrendered"].values()
     page = (tmp_path / "out" / "index.html").read_text()
