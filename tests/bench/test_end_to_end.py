@@ -9,6 +9,7 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_one_process
 from tests.bench.process_trees import DEADLINE_S, wait_until
 from tests.bench.small_suites import SMALL
 from uavbench.bench.cli.main import main
@@ -262,14 +263,14 @@ def test_a_suite_whose_every_run_fails_has_a_report_and_what_was_written_meanwhi
             'hold = { kind = "hold" }', f'it = {{ kind = "external", command = ["{sys.executable}", "program.py"] }}'
         )
     )
-    done = uavbench("run", path, "--out", tmp_path / "out", "--jobs", "1", "--figures", "all")
-    assert done.returncode == 1
+    done = in_one_process("run", path, "--out", tmp_path / "out", "--figures", "all")
+    assert done.exit_code == 1
     assert (tmp_path / "out" / "index.html").is_file()
     assert "it ends" in done.stderr
     assert not (tmp_path / "out" / "failures.txt").exists()
     assert "changed while jobs that use it ran: program.py" in done.stderr
     program.write_text('raise SystemExit("it ends")')
-    again = uavbench("run", path, "--out", tmp_path / "out", "--jobs", "1")
+    again = in_one_process("run", path, "--out", tmp_path / "out")
     assert "2 were fresh" in again.stderr, "the sequences"
-    last = uavbench("run", path, "--out", tmp_path / "out", "--jobs", "1")
+    last = in_one_process("run", path, "--out", tmp_path / "out")
     assert last.stderr.startswith("0 jobs done")
