@@ -6,6 +6,7 @@ information of the edges over frames, and do not drift. When edges constrain the
 face, the patches constrain it.
 """
 
+import math
 from itertools import product
 
 import numpy as np
@@ -54,7 +55,7 @@ class Texture:
         self.chosen = np.zeros(0, dtype=np.int64)
         self.turn = 0
         self.barren = False
-        self.now_s = 0.0
+        self.now_s, self.searched_s = 0.0, -math.inf
 
     def __len__(self) -> int:
         return self.count
@@ -88,9 +89,9 @@ class Texture:
         """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges.
 
         The least strength of a corner is what the most noise left in a frame alone is expected to give: the variance of
-        half the difference of two pixels. `barren` tells afterwards that there were none.
+        half the difference of two pixels. `barren` tells afterwards that there were none, `searched_s` when it was.
         """
-        self.barren = True
+        self.barren, self.searched_s = True, self.now_s
         if self.count > MAX_PATCHES - MOST_USED:
             in_use = np.isin(np.arange(self.count), self.chosen)
             order = np.lexsort([-self.patches.hits[: self.count], ~in_use])
