@@ -85,5 +85,5 @@ def test_a_track_that_chance_explains_is_outdone_by_a_found_pose_that_it_does_no
     leads, advantage, explained, explains, outdone
 ):
     track, best = fit(0.1, 0.6, -1.0 if explained else -20.0), fit(0.0, 0.7, -1.0 if explains else -20.0)
-    found = Relocalized(best, advantage, True, False, leads, False, True, ())
+    found = Relocalized(best, advantage, True, False, leads, False, True, (), ())
     assert found.outdoes(track, RELOCALIZATION.lead) == outdone

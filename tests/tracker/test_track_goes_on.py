@@ -105,7 +105,7 @@ def test_a_track_goes_on_by_the_fit_that_begins_where_it_ends(tracked, monkeypat
     decider, frame = tracked.run.decider, tracked.frame
     weak = replace(tracked.fit, support=0.45, edge_support=0.45, chance=Chance(-7.0, -7.0))
     again = replace(tracked.fit, support=0.57, edge_support=0.57, chance=Chance(-14.0, -14.0))
-    outcome = Relocalized(again, 0.12, False, False, False, False, True, ())
+    outcome = Relocalized(again, 0.12, False, False, False, False, True, (), ())
     for found, settled in ((outcome, True), (outcome._replace(fit=weak), False)):
         monkeypatch.setattr(decider.relocator, "search", lambda sought, found=found: found)
         monkeypatch.setattr(tracked.run.state, "is_lost", True)

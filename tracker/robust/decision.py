@@ -316,18 +316,20 @@ class Decider:
             carried=carried,
             goes_on=frame.step_s < self.config.slow_s,
             tracked=tracked,
+            surfaces=() if first or self.recalled.alike else self.places.surfaces(self.relocator.reader, work),
         )
         found = self.relocator.search(sought)
         work.allowed += reserve
-        unvouched = first and not self.is_as_given(fit)
+        self.recalled, unvouched = self.recalled.also_at(found.remembered), first and not self.is_as_given(fit)
         near = fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m)
         searched = unvouched or not (near or (tracked and self.state.is_expected(found.fit, frame.predicted)))
         enough = self.state.holds(found.fit, frame.predicted, searched, not slow, self.recalled.landmarks)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
-        # Where a pose is known well, the poses that are compared with it are few.
-        compared = found.near_done or (slow and not first and found.leads and found.expected)
+        # Where a pose is known well, by motion or by what the surface looks like, few are compared with it.
+        known = found.remembered or (found.expected and slow and not first)
+        compared = found.near_done or (found.leads and known)
         settled = not rivalled and (is_sure or found.all_done or (compared and enough))
         if settled or found.all_done:
             self.relocator.forget()

@@ -22,6 +22,14 @@ COARSE_DISTANCES = 130_000
 """The same for an overview, 0.26 ms."""
 FEATURES = 3_000_000
 """Cost of finding the features of an image, 3 to 5 ms; 8 ms on bricks."""
+SURFACE, SURFACE_PER_EDGE = 200_000, 175
+"""Cost of reading what an image shows of a structure's surface, 0.4 ms, and 0.35 us more for each of its edges."""
+SHOWN = 200_000
+"""Cost of blurring an image for alignments, 0.4 ms."""
+LOOK = 1_500_000
+"""Usual cost of looking about a guess for where an image looks as remembered, 2 to 3 ms."""
+ALIGNMENT, ALIGNED_POINT, SCANNED_POINT = 10_000, 25, 3
+"""Cost of an alignment, 20 us, and of each point in each iteration, 50 ns; of a point at a shift of the image, 6 ns."""
 RECALLED, PER_LANDMARK = 330_000, 4_500
 """Cost of a pose by the landmarks of a place, 0.7 ms, and more for each landmark, up to 9 us."""
 
@@ -39,6 +47,11 @@ def coarse_sampling_evaluations(edges: int) -> int:
 def fit_evaluations(edges: int, points: int, patches: int) -> int:
     """Cost of a fit of so many control points and patches."""
     return FIT + PER_EDGE * edges + PER_POINT * points + PER_PATCH * patches
+
+
+def surface_evaluations(edges: int) -> int:
+    """Cost of reading what an image shows of the surface of a structure of so many edges."""
+    return SURFACE + SURFACE_PER_EDGE * edges
 
 
 def recall_evaluations(landmarks: int) -> int:

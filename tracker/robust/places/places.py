@@ -23,7 +23,9 @@ from uavbench.tracker.robust.places.match_kernels import HYPOTHESES, LEAST_AGREE
 from uavbench.tracker.robust.places.near_kernels import last_near
 from uavbench.tracker.robust.preprocessing.small_images import grey, small_image
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, motion
-from uavbench.tracker.robust.work import FEATURES, PER_LANDMARK, RECALLED, Work, recall_evaluations
+from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface
+from uavbench.tracker.robust.relocalization.surfaces.surface import SurfaceReader
+from uavbench.tracker.robust.work import FEATURES, PER_LANDMARK, RECALLED, Work, recall_evaluations, surface_evaluations
 from uavbench.trajectories.pose import Array, Pose
 
 MOST_PLACES = 64
@@ -37,13 +39,18 @@ corners are sought."""
 
 @dataclass
 class Place:
-    """A pose with its range (m), grey image (h, w) and small image (n,); landmarks: None until they are needed."""
+    """A pose with its range (m), grey image (h, w) and small image (n,).
+
+    landmarks: None until they are needed; surface: of the structure, None until it is read, and if it shows too little.
+    """
 
     pose: Pose
     range_m: float
     image: Image
     small: Array
     landmarks: Landmarks | None = None
+    surface: Surface | None = None
+    is_read: bool = False
 
 
 class Recalled(NamedTuple):
@@ -51,6 +58,10 @@ class Recalled(NamedTuple):
 
     landmarks: Sequence[Pose] = ()
     alike: Sequence[Pose] = ()
+
+    def also_at(self, poses: Sequence[Pose]) -> "Recalled":
+        """With poses from which the surface looks as it was seen, which tell where to look as landmarks do."""
+        return self._replace(landmarks=[*self.landmarks, *poses])
 
 
 class Places:
@@ -89,6 +100,19 @@ class Places:
         self.last = place
         self.places.append(place)
         self.poses = self.poses.added(motion(place.pose))
+
+    def surfaces(self, reader: SurfaceReader, work: Work) -> list[Surface]:
+        """What the run saw of the structure's surface, the last place first; at most half of the work left is spent."""
+        newest, cost = [self.last] if self.last else [], surface_evaluations(len(self.edges.ends))
+        until, known = (
+            work.done + work.left // 2,
+            [*newest, *(each for each in self.places[::-1] if each is not self.last)],
+        )
+        for place in known:
+            if not place.is_read and work.done + cost <= until:
+                work.done += cost
+                place.surface, place.is_read = reader.surface(place.image, place.pose), True
+        return [place.surface for place in known if place.surface is not None]
 
     def recalled(self, image: Image, work: Work, reserve: int) -> Recalled:
         """Likely poses of an image (h, w) or (h, w, c).

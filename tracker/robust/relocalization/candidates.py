@@ -1,11 +1,14 @@
 """Poses that agree with the edge pixels of an image: near guesses, far from them, and from all sides after a loss."""
 
+from functools import reduce
+
 import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
-from uavbench.tracker.robust.relocalization.pose_arrays import distinct, product_of
+from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.pose_arrays import NONE, PoseStack, distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
 from uavbench.tracker.robust.relocalization.scoring.overview import APART_PART, STEP_RAD, Overview
 from uavbench.tracker.robust.relocalization.scoring.pose_search import (
@@ -16,29 +19,45 @@ from uavbench.tracker.robust.relocalization.scoring.pose_search import (
 )
 from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
 from uavbench.tracker.robust.relocalization.scoring.rounds import Around, Rounds, best_first, taken
+from uavbench.tracker.robust.relocalization.surfaces.aligner import REMEMBERED, Aligner
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
+from uavbench.tracker.robust.work import DISTANCES, LOOK
+from uavbench.trajectories.pose import Pose
 
 KEPT = 24
 """Poses of an overview that are kept until they are fitted: three slices' worth."""
+ALIGNED = 8
+"""Poses of a slice for whose alignments work is left."""
+REMEMBERED_FITS = 2
+"""Poses of a slice that are fitted for how the surface looks from there."""
 
 
 class Candidates:
     """Candidates of a search, those of earlier slices among them.
 
     all_round: whether the guesses may be so far off that poses from all sides of them are looked at; waiting: whether
-    some of these are to be fitted; near_done: whether all likely poses were fitted since the search began.
+    some of these are to be fitted; near_done: whether all likely poses were fitted since the search began; at: poses at
+    which the image looks as remembered.
     """
 
     def __init__(self, fitter: EdgeFitter, camera: Camera, searcher: PoseSearch) -> None:
         self.fitter, self.searcher, self.config = fitter, searcher, fitter.config.relocalization
         self.rounds, self.overview = Rounds(searcher, self.config), Overview(fitter, camera, searcher)
+        self.aligner = Aligner(fitter.edges, searcher)
         self.begin()
+
+    def look(self, sought: Sought) -> None:
+        """Look at an image."""
+        self.at = NONE
+        self.aligner.look(sought.image, sought.surfaces, self.fitter.work)
 
     def begin(self) -> None:
         """Begin a search."""
+        self.at = NONE
         self.kept: list[Candidate] = []
         self.rounds.begin()
         self.overview.begin()
+        self.aligner.begin()
         self.seen_from: list[RigidMotion] = []
         self.all_round = self.waiting = self.near_done = False
 
@@ -69,19 +88,65 @@ class Candidates:
         """Most evaluations of scoring those of earlier slices in another image."""
         return len(self.kept) * self.searcher.most_again
 
+    @property
+    def spared(self) -> int:
+        """Evaluations that are left for alignments, where there are surfaces to align to."""
+        return ALIGNED * self.aligner.most if self.aligner.surfaces else 0
+
+    def remembered(self, guesses: list[RigidMotion], ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
+        """Poses about a guess at which the image looks as remembered, the likeliest first, which were not fitted yet.
+
+        Once about each guess; of a whole structure, whose other sides may come into view, again and again while as much
+        work is left for other poses.
+        """
+        room = self.fitter.work.left - self.fitter.cost(2) - self.spared >= 2 * LOOK + DISTANCES
+        again = self.all_round and room
+        if not self.aligner.surfaces or (self.aligner.looked_about(guesses) and not again):
+            return []
+
+        def cost(pose: RigidMotion) -> float:
+            return self.config.sigma_cost * ranking.chi2(pose) / self.config.lead
+
+        found, part = self.aligner.found(guesses, cost, self.fitter.work), 0.5 * self.searcher.step_part
+        self.at = reduce(PoseStack.added, found, self.at)
+        apart = [each for each in found if tried.fitted.apart(each, ranking.range_m, part).all()]
+        return distinct(apart, ranking.range_m, part)[:REMEMBERED_FITS]
+
+    def remembered_near(self, fit: Fit, range_m: float) -> tuple[Pose, ...]:
+        """Poses where a fit is from which the image looks as remembered."""
+        near = ~self.at.apart(motion(fit.cam_from_world), range_m, self.searcher.step_part)
+        return tuple(Pose(self.at.R[k], self.at.t[k]) for k in np.flatnonzero(near))
+
     def scored(self, around: Around, ranking: Ranking, sought: Sought, tried: TriedPoses) -> list[Candidate]:
+        """Poses that agree best with the edge pixels, and look as remembered, best first."""
+        return self.as_remembered(self.matched(around, ranking, sought, tried), ranking, tried)
+
+    def as_remembered(self, candidates: list[Candidate], ranking: Ranking, tried: TriedPoses) -> list[Candidate]:
+        """Candidates, best first, aligned to where they look most as remembered, which adds to their scores."""
+        work, reserve, aligned = self.fitter.work, self.fitter.cost(2), list(candidates)
+        for k, each in enumerate(candidates if self.aligner.surfaces else ()):
+            if work.left - reserve < self.aligner.most:
+                break
+            found = None if tried.holds(each) else self.aligner.aligned(each.pose, work)
+            if found is not None and found.rarity > 0.0:
+                score = each.score + self.config.lead * found.rarity
+                aligned[k] = ranking.weighed(each._replace(pose=found.pose, score=score))
+                self.at = self.at.added(found.pose) if found.rarity > REMEMBERED else self.at
+        return best_first(aligned)
+
+    def matched(self, around: Around, ranking: Ranking, sought: Sought, tried: TriedPoses) -> list[Candidate]:
         """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits.
 
         While poses from all sides are left to be scored, that of one fit. Of these only those are told about which no
         pose was fitted yet.
         """
-        work, reserve = self.fitter.work, self.fitter.cost(2)
+        work, reserve = self.fitter.work, self.fitter.cost(2) + self.spared
         until = work.done + min(work.left // 2, work.left - reserve)
         kept = [found for each in self.kept for found in taken(self.searcher.again(around.target, each), work)]
         near = [ranking.weighed(each) for each in self.near(around, sought, until)]
         if self.all_round:
             sides = around._replace(guesses=self.seen_from)
-            last = work.done + work.left - self.fitter.cost(1)
+            last = work.done + work.left - self.fitter.cost(1) - self.spared
             kept += self.overview.found(sought.image, sides, sought.range_m, work, last)
         else:
             kept += self.rounds.far(around, work, until)
@@ -97,7 +162,7 @@ class Candidates:
 
     def refined(self, best: list[Candidate], most: int, target: Target, ranking: Ranking) -> list[Candidate]:
         """Candidates, best first, of which the best ones are refined as far as the work allows."""
-        work, reserve, best = self.fitter.work, self.fitter.cost(2), list(best)
+        work, reserve, best = self.fitter.work, self.fitter.cost(2) + self.spared, list(best)
         for k, each in enumerate(best[:most]):
             if work.left - reserve >= self.searcher.most_refining(len(each.seen.points)):
                 best[k] = ranking.weighed(*taken(self.searcher.refined(target, each), work))

@@ -13,6 +13,7 @@ from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
 from uavbench.tracker.robust.relocalization.pose_arrays import motion, stack_of
 from uavbench.tracker.robust.relocalization.scoring.pose_search import Candidate
+from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface
 from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.trajectories.pose import Array, Pose
 
@@ -69,7 +70,8 @@ class Sought(NamedTuple):
     recalled: likely poses by what the run saw before; likely: predictions under the hypotheses that the run has kept,
     none for the first guess alone; lost: whether no pose of the last frame was accepted; carried: where the mean
     velocity leads, with which what earlier slices found is moved, None for the first guess; goes_on: whether the next
-    frame goes on with the search; tracked: whether the run predicts the frame from a pose shortly before.
+    frame goes on with the search; tracked: whether the run predicts the frame from a pose shortly before; surfaces: as
+    the run saw them.
     """
 
     image: Image
@@ -85,6 +87,7 @@ class Sought(NamedTuple):
     carried: Pose | None = None
     goes_on: bool = False
     tracked: bool = False
+    surfaces: Sequence[Surface] = ()
 
 
 class Ranking:

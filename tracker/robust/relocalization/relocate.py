@@ -31,6 +31,7 @@ from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.scoring.pose_search import CANDIDATES, Candidate, PoseSearch
 from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import Target
 from uavbench.tracker.robust.relocalization.scoring.rounds import Around
+from uavbench.tracker.robust.relocalization.surfaces.surface import SurfaceReader
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.robust.work import DISTANCES
@@ -56,8 +57,8 @@ class Relocalized(NamedTuple):
 
     advantage: over the given fit, inf without one. near_done: all likely poses were fitted since the search began;
     all_done: all poses were. leads: it has clearly more support than the fits that converged to other poses, near ones
-    among them. rivalled: it has rivals that it does not lead. expected: it is near the prediction. contenders: the fits
-    that may be right.
+    among them. rivalled: it has rivals that it does not lead. expected: it is near the prediction. remembered: poses
+    there from which the image looks as the run saw the surface. contenders: the fits that may be right.
     """
 
     fit: Fit
@@ -67,6 +68,7 @@ class Relocalized(NamedTuple):
     leads: bool
     rivalled: bool
     expected: bool
+    remembered: tuple[Pose, ...]
     contenders: tuple[Contender, ...]
 
     def outdoes(self, fit: Fit, lead: float) -> bool:
@@ -119,6 +121,11 @@ class Relocator:
         self.found_before = False
 
     @property
+    def reader(self) -> SurfaceReader:
+        """Reads the surfaces that a search takes."""
+        return self.candidates.aligner.reader
+
+    @property
     def needs_budget(self) -> bool:
         """Whether a pose that chance does not explain is to be fitted again, or poses from all sides wait to be."""
         return self.found_before or (self.candidates.waiting and self.slices >= PLACES_FIRST)
@@ -132,6 +139,7 @@ class Relocator:
         """One slice of the search."""
         work, config = self.fitter.work, self.config
         self.begin_where_cut(sought.image)
+        self.candidates.look(sought)
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
         self.candidates.look_all_round(guesses, sought)
         self.move_along(guesses[0] if sought.carried is None else motion(sought.carried))
@@ -174,7 +182,8 @@ class Relocator:
     def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
         """The outcome of a slice."""
         fit, contenders = self.located(ranking.top, sought), () if leads else ranking.contenders()
-        return Relocalized(fit, ranking.advantage, *done, leads, rivalled, ranking.is_expected, contenders)
+        remembered = self.candidates.remembered_near(fit, ranking.range_m)
+        return Relocalized(fit, ranking.advantage, *done, leads, rivalled, ranking.is_expected, remembered, contenders)
 
     def located(self, fit: Fit, sought: Sought) -> Fit:
         """The fit, with its edges located between the pixels if it is one of the search."""
@@ -263,19 +272,26 @@ class Relocator:
 
     def likely(self, guesses: list[RigidMotion], recalled: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit first: what the last slice found, if chance does not explain it; unless it is found again also
-        what is recalled, and the guesses, since a prediction is usually better than its covariance.
+        where the image looks as remembered, what is recalled, and the guesses, since a prediction is usually better
+        than its covariance.
 
-        The first slice has all guesses, the next ones one each: where a fit fails, it mostly fails in the next image.
+        Each slice has one guess, but the first one all of them where nothing is remembered: where a fit fails, it
+        mostly fails in the next image.
         While poses from all sides are left to be scored, each has had its turn.
         """
         if self.found_before and self.best_before is not None:
             yield from self.found(self.best_before, 0.0, ranking)
             if ranking.is_found:
                 return
+        for pose in self.candidates.remembered(guesses, ranking, self.tried):
+            yield Attempt(pose, self.config.found_sigma, self.searcher.half_px)
+            if ranking.is_found:
+                yield Attempt(motion(ranking.top.cam_from_world), self.known_sigma, self.searcher.half_px)
+                return
         for pose in recalled:
             yield from self.found(pose, 0.0, ranking)
         turn = self.slices % len(guesses)
-        turns = guesses[turn : turn + 1] if self.slices else guesses
+        turns = guesses[turn : turn + 1] if self.slices or self.candidates.aligner.surfaces else guesses
         turns = [] if self.candidates.looking and self.slices >= len(guesses) else turns
         self.slices += 1  # not where the work was spent before
         for guess in turns:

@@ -155,14 +155,14 @@ def seen_alike(
     return alike
 
 
-@compiled("seen f2 f1", inner=True, seen=SEEN_EDGES)
-def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
-    """The centre (3,) of the visible points, in the frame of a camera at (R, t)."""
-    focus = t.copy()
+@compiled("f1 f2 f1", inner=True)
+def focus_at(focus: Array, R: Array, t: Array) -> Array:
+    """A point (3,) of the world in the frame of a camera at (R, t)."""
+    there = t.copy()
     for i in range(3):
         for j in range(3):
-            focus[i] += R[i, j] * seen.focus[j]
-    return focus
+            there[i] += R[i, j] * focus[j]
+    return there
 
 
 @compiled("f0 f0", inner=True, allocates=False)
@@ -247,7 +247,7 @@ def score_changes(
     shift is refined. Changes that are worse than the best previous one by the clear score are given 0.
     """
     most_of_one = len(seen.points) * (PROJECTION_EVALUATIONS + len(shifts) + REFINEMENTS)
-    focus, distance = focus_in_camera(seen, pose.R, pose.t), target.distance
+    focus, distance = focus_at(seen.focus, pose.R, pose.t), target.distance
     scores, best, evaluations = np.zeros(len(changes)), np.zeros((len(changes), 2), np.int64), 0
     outside, hopeful, poses = math.floor(OUTSIDE_SCORE * FAR), 0.0, 0
     for k in range(len(changes)):
@@ -294,7 +294,7 @@ def score_change(
     target: Target,
 ) -> float:
     """Score of a pose (R, t) with a change (6,), whose cost is that of a shift by the same angles."""
-    pose = turned_about(R, t, focus_in_camera(seen, R, t), change)
+    pose = turned_about(R, t, focus_at(seen.focus, R, t), change)
     points = image_points(seen, pose.R, pose.t, camera)
     outside = math.floor(OUTSIDE_SCORE * FAR)
     total = agreement(points, target.distance, 0, 0, outside, 0).total
