@@ -13,7 +13,7 @@ from pathlib import Path
 from uavbench.bench.gate.decision import Finding, Margins, gate, is_share, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
-from uavbench.bench.runner.output_folder import VERDICT, VERDICT_FILES, note_verdict
+from uavbench.bench.runner.output_folder import VERDICT, VERDICT_FILES, note_verdict, noted_verdicts
 from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
 from uavbench.trajectories.errors import DiskError
@@ -34,7 +34,12 @@ EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
 
 def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int:
-    """Print and write the findings of the gate, with pictures of the worst sequences; its exit code."""
+    """Print and write the findings of the gate, with pictures of the worst sequences; its exit code.
+
+    UserError before anything is written when a note of earlier verdicts was damaged, so that no verdict goes unnoted.
+    """
+    for folder in (results, baseline):
+        noted_verdicts(folder)
     findings = gate(results, baseline, margins)
     with _alone_in(out):
         write_reports(findings, margins, out, write_worst(results, baseline, margins, out))

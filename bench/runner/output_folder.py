@@ -15,10 +15,10 @@ from uavbench.bench.runner.written_files import Record, Stamp
 from uavbench.bench.third_party.registry import absent
 from uavbench.reports.run_folder import RECORDS, has_older_report
 from uavbench.scenes.dataset.table_files import read_json
-from uavbench.trajectories.errors import DiskError, UserError
+from uavbench.trajectories.errors import DamagedFileError, DiskError, UserError
 from uavbench.trajectories.files.listed import Listed, Marker, tree
 from uavbench.trajectories.files.origin import owning, refuse_foreign_file, refuse_within_whole
-from uavbench.trajectories.files.seals import sealed_kind
+from uavbench.trajectories.files.seals import is_seal_broken, sealed_kind
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
 from uavbench.trajectories.files.writing import write_text
 
@@ -90,12 +90,12 @@ def remove_verdict(folder: Path) -> None:
 def note_verdict(folder: Path, verdict: Path) -> None:
     """Note in a suite's folder a verdict in another one, which is removed once the scores are made anew.
 
-    In a folder that is not a suite's, or is read-only, nothing is noted.
+    In a folder that is not a suite's, or is read-only, nothing is noted. UserError as `noted_verdicts`.
     """
     if verdict.resolve() == (folder / GATE).resolve() or not sealed_kind(folder / SUITE):
         return
     found = _digest(verdict)
-    noted = {**_verdicts(folder), str(verdict.resolve()): found}
+    noted = {**noted_verdicts(folder), str(verdict.resolve()): found}
     with suppress(OSError, UserError):
         write_text(folder / ELSEWHERE.name, json.dumps({"verdicts": noted}, indent=1) + "\n", kind=ELSEWHERE.kind)
 
@@ -103,10 +103,10 @@ def note_verdict(folder: Path, verdict: Path) -> None:
 def remove_verdicts(folder: Path) -> None:
     """Remove the verdicts on the results of a suite's folder: that in it, and those noted in it, if they still are it.
 
-    One that cannot be removed stays.
+    One that cannot be removed stays. UserError as `noted_verdicts`.
     """
     remove_verdict(folder / GATE)
-    for place, digest in _verdicts(folder).items():
+    for place, digest in noted_verdicts(folder).items():
         with suppress(OSError, UserError):
             if _digest(Path(place)) == digest:
                 remove_verdict(Path(place))
@@ -114,9 +114,14 @@ def remove_verdicts(folder: Path) -> None:
         (folder / ELSEWHERE.name).unlink(missing_ok=True)
 
 
-def _verdicts(folder: Path) -> dict[str, str]:
-    """Digest of the verdict in each folder that is noted."""
+def noted_verdicts(folder: Path) -> dict[str, str]:
+    """Digest of the verdict in each folder that is noted; UserError when the note was damaged or edited."""
     path = folder / ELSEWHERE.name
+    if is_seal_broken(path):
+        raise DamagedFileError(
+            f"{path}: is damaged, or was edited since uavbench wrote it; remove it, and verdicts of the gate on these "
+            "results, or with them as the baseline, in other folders: it noted where they lie"
+        )
     if sealed_kind(path) != ELSEWHERE.kind:
         return {}
     return {str(place): str(digest) for place, digest in read_json(path)["verdicts"].items()}

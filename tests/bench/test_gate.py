@@ -314,6 +314,27 @@ def test_scores_that_are_made_anew_leave_no_verdict_on_or_by_them_elsewhere(tmp_
     assert not (tmp_path / anew / "verdicts.json").exists()
 
 
+def test_a_damaged_note_of_verdicts_elsewhere_is_refused_until_it_is_removed(tmp_path):
+    suite, out, ci = small_suite(tmp_path), tmp_path / "out", tmp_path / "ci"
+
+    def call(*words):
+        return CliRunner().invoke(main, [*map(str, words)])
+
+    assert call("score", suite, "--out", out).exit_code == 0
+    assert call("gate", out, "--baseline", out, "--out", ci / "first").exit_code == 3
+    note = out / "verdicts.json"
+    note.write_text(note.read_text().replace("first", "worst"))
+    suite.write_text(suite.read_text().replace('kind = "hold"', 'kind = "vo"'))
+    for words in (("gate", out, "--baseline", out, "--out", ci / "second"), ("score", suite, "--out", out)):
+        result = call(*words)
+        assert result.exit_code == 2
+        assert f"{note}: is damaged" in result.output and "remove it, and verdicts of the gate" in result.output
+    assert not (ci / "second" / "gate.json").exists()
+    note.unlink()
+    assert call("score", suite, "--out", out).exit_code == 0
+    assert call("gate", out, "--baseline", out, "--out", ci / "second").exit_code == 3
+
+
 def test_pages_of_a_report_are_marked_when_its_scores_are_made_anew(tmp_path):
     suite, out = small_suite(tmp_path), tmp_path / "out"
     text = suite.read_text()
