@@ -22,7 +22,8 @@ known_imports: dict[str, tuple[str, ...]] = {}
 
 _digested: dict[Path, tuple[int, ...]] = {}
 """Every file of which a digest was asked, with its stamp at that time."""
-_told_apart: set[Path] = set()
+_told_apart: dict[Path, set[Path]] = {}
+"""Files whose digests are told apart, with the set of those that were asked for since."""
 
 Find = Callable[[str], Path | None]
 """Maps the name of a module to its source file; None for installed, built-in and missing modules."""
@@ -77,7 +78,11 @@ def file_digest(path: Path) -> str:
     """sha256 of a file's content, read again only when the file has changed; OSError when it cannot be read."""
     now = stamp(path)
     _digested[path] = now
-    return _digest(path, now) + (" told apart" if path in _told_apart else "")
+    found = _digest(path, now)
+    if path in _told_apart:
+        _told_apart[path].add(path)
+        return f"{found} told apart"
+    return found
 
 
 def touched() -> frozenset[Path]:
@@ -86,11 +91,15 @@ def touched() -> frozenset[Path]:
 
 
 @contextmanager
-def told_apart(paths: Iterable[Path]) -> Iterator[None]:
-    """Context in which the digests of these files differ from those of their content."""
-    _told_apart.update(paths)
+def told_apart(paths: Iterable[Path]) -> Iterator[set[Path]]:
+    """Context in which the digests of these files differ from those of their content: those that are asked for in it.
+
+    A file that was removed has no digest, and is not among these.
+    """
+    asked: set[Path] = set()
+    _told_apart.update(dict.fromkeys(paths, asked))
     try:
-        yield
+        yield asked
     finally:
         _told_apart.clear()
 

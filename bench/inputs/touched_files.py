@@ -50,13 +50,14 @@ def first_names(files: Sequence[Path]) -> str:
 def touched_since(planned: Mapping[str, str], keys: Keys, done: Iterable[str]) -> Touched:
     """The jobs among those done whose inputs were written since `planned`; keys: computes these hashes again.
 
-    A file that was changed and changed back counts, too.
+    A file that was changed and changed back counts, too. Files of other work of this process, as an earlier suite of a
+    script, are not named.
     """
     files = touched()
     if not files:
         return Touched()
     now = keys()
-    with told_apart(files):
+    with told_apart(files) as asked:
         apart = keys()
     jobs = frozenset(name for name in done if not planned[name] == now[name] == apart[name])
-    return Touched(tuple(sorted(files)), jobs) if jobs else Touched()
+    return Touched(tuple(sorted(asked or files)), jobs) if jobs else Touched()

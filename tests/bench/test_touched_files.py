@@ -16,7 +16,7 @@ from tests.bench.small_suites import FLOWN, SMALL, small_suite
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.gate.paired_scores import read_side
-from uavbench.bench.inputs.touched_files import Stamps
+from uavbench.bench.inputs.touched_files import Stamps, touched_since
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disowned_if_ended
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
@@ -289,6 +289,42 @@ def test_scores_without_a_record_are_read(tmp_path):
     assert not read_side(folder).faults
     record.write_text(json.dumps({"content_hash": "", "files": {}}))
     assert read_side(folder).faults
+
+
+@pytest.mark.parametrize("how", ["written", "removed"])
+def test_files_of_earlier_suites_of_a_process_are_not_named(tmp_path, how):
+    """Those of tests that ran before, four or more, were named in place of the one that had changed."""
+    earlier = [tmp_path / name for name in "abcd"]
+    given = tmp_path / "given.txt"
+    for path in (*earlier, given):
+        path.write_text(path.name)
+        source_files.file_digest(path)
+
+    def keys():
+        return {"job": source_files.file_digest(given), "other": "x"}
+
+    planned = keys()
+    for path in earlier:
+        if how == "written":
+            path.write_text(path.name)
+        else:
+            path.unlink()
+    assert not touched_since(planned, keys, planned).jobs
+    given.write_text(given.name)
+    found = touched_since(planned, keys, planned)
+    assert (found.files, found.jobs) == ((given,), {"job"})
+
+
+def test_a_file_that_was_removed_is_named(tmp_path):
+    given = tmp_path / "given.txt"
+    given.write_text("x")
+
+    def keys():
+        return {"job": source_files.file_digest(given) if given.is_file() else ""}
+
+    planned = keys()
+    given.unlink()
+    assert touched_since(planned, keys, planned).files == (given,)
 
 
 def test_files_that_were_written_are_named(tmp_path):
