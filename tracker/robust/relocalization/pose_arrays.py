@@ -19,6 +19,11 @@ def product_of(by: RigidMotion, pose: RigidMotion) -> RigidMotion:
     return RigidMotion(by.R @ pose.R, by.R @ pose.t + by.t)
 
 
+def centre_of(pose: RigidMotion) -> Array:
+    """The camera's centre (3,) in the world at a pose."""
+    return np.asarray(-pose.R.T @ pose.t)
+
+
 class PoseStack(NamedTuple):
     """Rotation matrices R (k, 3, 3) and translations t (k, 3)."""
 

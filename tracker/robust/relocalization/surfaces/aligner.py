@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import RigidMotion, camera_centre
+from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.relocalization.pose_arrays import centre_of
 from uavbench.tracker.robust.relocalization.scoring.overview import AZIMUTH_RAD, ELEVATION_RAD, STEP_RAD
 from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch, grid, whole
 from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import turned_about
@@ -16,7 +17,6 @@ from uavbench.tracker.robust.relocalization.scoring.rounds import views
 from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface, aligned_pose, best_shifts
 from uavbench.tracker.robust.relocalization.surfaces.surface import MOST_POINTS, SurfaceReader
 from uavbench.tracker.robust.work import ALIGNED_POINT, ALIGNMENT, SCANNED_POINT, SHOWN, Work
-from uavbench.trajectories.pose import Array
 
 ITERATIONS = 6
 """Most changes of a pose in one image: limits their time."""
@@ -74,7 +74,7 @@ class Aligner:
             work.done += SHOWN
             self.shown = self.reader.shown(image)
             self.focus = np.stack([each.focus for each in surfaces])
-            toward = np.stack([camera_centre(each.R, each.t) for each in surfaces]) - self.focus
+            toward = np.stack([centre_of(pose) for pose in map(seen_from, surfaces)]) - self.focus
             self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]
 
     @property
@@ -149,8 +149,13 @@ class Aligner:
 
     def nearest(self, pose: RigidMotion) -> int:
         """The surface that was seen from the direction nearest to that of a pose."""
-        toward: Array = camera_centre(*pose) - self.focus
+        toward = centre_of(pose) - self.focus
         return int(np.argmax(np.einsum("ij,ij->i", toward, self.toward) / np.linalg.norm(toward, axis=1)))
+
+
+def seen_from(surface: Surface) -> RigidMotion:
+    """The pose of the camera that saw a surface."""
+    return RigidMotion(surface.R, surface.t)
 
 
 def thinned(surface: Surface, every: int) -> Surface:

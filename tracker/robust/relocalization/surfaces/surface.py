@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import RigidMotion, camera_centre
+from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.patches.corner_kernels import first_hits
 from uavbench.tracker.robust.preprocessing.small_images import grey
-from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.pose_arrays import centre_of, motion
 from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import LEAST_POINTS, Surface
 from uavbench.trajectories.pose import Array, Pose
@@ -66,7 +66,7 @@ class SurfaceReader:
         kept = np.isfinite(values).all(axis=0)
         if np.count_nonzero(kept) < LEAST_POINTS:
             return None
-        planes, rays, eye = self.edges.planes[hits.faces[kept]], hits.rays[kept], camera_centre(*seen_from)
+        planes, rays, eye = self.edges.planes[hits.faces[kept]], hits.rays[kept], centre_of(seen_from)
         slant = np.einsum("ij,ij->i", rays, planes[:, :3])
         points = eye + rays * ((planes[:, 3] - planes[:, :3] @ eye) / slant)[:, None]
         normals = planes[:, :3] * -np.sign(slant)[:, None]
@@ -76,7 +76,7 @@ class SurfaceReader:
         """What about so many rays hit, in a grid over the part of the small image in which the structure is."""
         pixels, f = self.pixels(pose, rays), self.searcher.f
         through = np.column_stack([(pixels - f[2:]) / f[:2], np.ones(len(pixels))]) @ pose.R
-        faces = first_hits(camera_centre(*pose), np.ascontiguousarray(through), self.edges.triangles)
+        faces = first_hits(centre_of(pose), np.ascontiguousarray(through), self.edges.triangles)
         return Hits(pixels[faces >= 0], through[faces >= 0], faces[faces >= 0])
 
     def pixels(self, pose: RigidMotion, count: int) -> Indices:
