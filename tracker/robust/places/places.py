@@ -103,11 +103,9 @@ class Places:
 
     def surfaces(self, reader: SurfaceReader, work: Work) -> list[Surface]:
         """What the run saw of the structure's surface, the last place first; at most half of the work left is spent."""
-        newest, cost = [self.last] if self.last else [], surface_evaluations(len(self.edges.ends))
-        until, known = (
-            work.done + work.left // 2,
-            [*newest, *(each for each in self.places[::-1] if each is not self.last)],
-        )
+        until, cost = work.done + work.left // 2, surface_evaluations(len(self.edges.ends))
+        known = self.places[::-1]
+        known.sort(key=lambda place: place is not self.last)
         for place in known:
             if not place.is_read and work.done + cost <= until:
                 work.done += cost
