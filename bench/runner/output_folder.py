@@ -27,7 +27,7 @@ RESULTS = "results of a suite"
 DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2, "failed": 1, "made": 4}
 """Folders in which files are written under temporary names, and the number of levels below."""
 OLDER = (
-    '<p role="alert" style="margin:0;padding:.6em 1em;background:#b00020;color:#fff;font-weight:bold">'
+    '<p role="alert" style="margin:0;max-width:none;padding:.6em 1em;background:#b00020;color:#fff;font-weight:bold">'
     "This page is of an earlier run: the scores or the suite have changed since. Write it again with "
     "<code>uavbench report</code>.</p>"
 )
