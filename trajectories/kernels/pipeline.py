@@ -12,6 +12,7 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 
 from uavbench.trajectories.kernels.cache import identity
 from uavbench.trajectories.kernels.machine_code import CodeApart, CodeLinkedIn, KernelCode, NoEntry
+from uavbench.trajectories.kernels.results import FromPython
 
 INLINED_BYTES = 400
 """Longest Python bytecode of a kernel that is linked into its callers. LLVM inlines up to a cost of 225, some
@@ -70,6 +71,11 @@ class KernelLowering(NativeLowering):
     """Lowering to machine code that is optimized once, and linked into callers."""
 
     _name = "kernel_lowering"
+
+    @property
+    def lowering_class(self) -> type:
+        """The class that lowers to machine code."""
+        return FromPython
 
     def run_pass(self, state: Any) -> bool:
         """Lower a typed kernel."""
