@@ -16,8 +16,6 @@ from uavbench.trajectories.pose import Array
 
 ROWS_APART = 16
 """Stride of the rows of a frame that are compared with the previous frame."""
-FIRST_THEN_ALL = slice(1), slice(None)
-"""Order in which these rows are compared: two images mostly differ in the first of them."""
 
 
 class Photometry(NamedTuple):
@@ -89,7 +87,7 @@ class Frames:
     def is_frozen(self, image: Image) -> bool:
         """Whether a frame is identical to the previous one; stores some of its rows."""
         last, self.seen_rows = self.seen_rows, image[::ROWS_APART].copy()
-        return last is not None and all(bool((last[rows] == self.seen_rows[rows]).all()) for rows in FIRST_THEN_ALL)
+        return last is not None and last.data == self.seen_rows.data  # up to the first pixel that differs
 
     def prepared(self, raw: Image, stamp_ns: int, expected: Motion | None, clock: StageClock) -> Frame:
         """A frame, stretched and smoothed as necessary, with the more certain prediction, the vehicle's or its own."""

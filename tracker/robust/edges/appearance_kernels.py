@@ -27,13 +27,16 @@ class Images(NamedTuple):
 class LookedAt(NamedTuple):
     """Control points after a fit: rows (n,) of appearance, signed residual (n,) in px, weight (n,) in the fit.
 
-    steps (n,): number of steps of light that locate each, 0 where none does.
+    steps (n,): number of steps of light that locate each, 0 where none does. by_numbers (n, r): derivatives of the
+    residual for the numbers that all edges share, numbers (r,), which it is before.
     """
 
     rows: Indices
     residual: Array
     weight: Array
     steps: Indices
+    by_numbers: Array
+    numbers: Array
 
 
 class Nearness(NamedTuple):
@@ -47,7 +50,7 @@ class Nearness(NamedTuple):
 
 
 IMAGES = named_tuple(Images, "u3 u3")
-LOOKED_AT = named_tuple(LookedAt, "i1! f1! f1! i1!")
+LOOKED_AT = named_tuple(LookedAt, "i1! f1! f1! i1! f2! f1!")
 NEARNESS = named_tuple(Nearness, "f0 f0 optics", optics=OPTICS)
 
 
@@ -72,11 +75,15 @@ def learn_appearance(
     n, rows = len(seen.rows), seen.rows
     distance, found, alone = np.full(n, np.inf), np.zeros(n), np.full(n, np.inf)
     for p in range(n):
-        away = abs(seen.residual[p])
+        by_numbers = 0.0
+        for k in range(len(seen.numbers)):
+            by_numbers += seen.by_numbers[p, k] * seen.numbers[k]
+        residual = seen.residual[p] - by_numbers
+        away = abs(residual)
         if away < limits.near_px:
-            distance[p] = seen.residual[p]
+            distance[p] = residual
             if seen.steps[p] == 1 and seen.weight[p] > 0.0:
-                alone[p] = seen.residual[p]
+                alone[p] = residual
         if away < limits.beside_px:
             found[p] = seen.weight[p]
     learn_squares(at, rows, distance, covariance, appearance, config)

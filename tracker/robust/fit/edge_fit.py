@@ -243,12 +243,12 @@ class EdgeFitter:
         if not len(problem.points.points):
             return Aligned(view, matches)
         with clock.stage("search"):
-            half_px = search_range(problem.lines.jacobian, problem.covariance, widths.fine_half_px, most_px)
+            half_px = unchecked(search_range)(problem.lines.jacobian, problem.covariance, widths.fine_half_px, most_px)
             half_px = view.within_clearance(half_px, problem.lines.lines[:, [U, V]], REACH + 1.0)
             measured = self.measure(problem, problem.lines, half_px)
         with clock.stage("hypotheses"):
             prior, outlier_px = problem.prior.information, self.config.solver.estimator.coarse_widths_px[-1]
-            motion = best_motion(measured, prior, self.draws, outlier_px)
+            motion = unchecked(best_motion)(measured, prior, self.draws, outlier_px)
             view = view.to(*se3_exp_left(view.R, view.t, motion))
             estimate = self.solve_anew(problem, measured, NO_MATCHES, view, widths.coarse).estimate
             view = view.to(estimate.R, estimate.t)
@@ -275,9 +275,9 @@ class EdgeFitter:
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
-        points = problem.points
-        found = search(problem.image, lines, points.rows, self.appearance, half_px, self.weak_step, self.values.search)
-        variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
+        points, looks, weak_step = problem.points, self.appearance, self.weak_step
+        found = unchecked(search)(problem.image, lines, points.rows, looks, half_px, weak_step, self.values.search)
+        variance_px2 = unchecked(point_variances)(points, found, looks, weak_step, self.values.weights)
         return EdgeMeasurements(points, lines, found, problem.weight, variance_px2, problem.by_numbers)
 
     def solve_anew(

@@ -1,8 +1,7 @@
 """What a fit found: its support, and how likely a random pose finds as much."""
 
+import math
 from typing import NamedTuple
-
-import numpy as np
 
 from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.robust.edges.weight_kernels import found_parts
@@ -11,6 +10,8 @@ from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals, Searched
 from uavbench.tracker.robust.fit.stage_kernels import Located, Weightings, judge
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
+
+NOWHERE = (math.nan, math.nan, math.nan)
 
 
 class Judge(NamedTuple):
@@ -33,7 +34,7 @@ class Judge(NamedTuple):
             self.appearance,
             self.values,
         )
-        middle = points.points[n // 2] if n else np.full(3, np.nan)
+        (ahead_x, ahead_y, ahead_z), (x, y, z) = R[2].tolist(), points.points[n // 2].tolist() if n else NOWHERE
         return Fit(
             Pose(R, t),
             inverse6(step.information),
@@ -41,9 +42,9 @@ class Judge(NamedTuple):
             n,
             seen.candidates,
             seen.inliers,
-            float(R[2] @ middle + t[2]),
+            ahead_x * x + ahead_y * y + ahead_z * z + float(t[2]),
             seen.edge_support,
-            float(matched.weight.sum() + np.count_nonzero(matched.patch_weight)),
+            seen.found,
             seen.chance,
             FitResiduals(
                 points,

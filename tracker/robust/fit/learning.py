@@ -12,6 +12,7 @@ from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.pose_fit import Fit, FitResiduals
 from uavbench.tracker.robust.fit.shared_numbers import SharedNumbers
+from uavbench.tracker.robust.patches.patch_kernels import faces_found
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
@@ -62,15 +63,15 @@ def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array
     Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
     """
     images, lines, used = seen
-    residual = used.weighting.residual - used.by_numbers @ used.step.to_numbers
-    looked_at = LookedAt(used.points.rows, residual, used.weighting.weight, used.steps)
+    weighting, numbers = used.weighting, used.step.to_numbers
+    looked_at = LookedAt(used.points.rows, weighting.residual, weighting.weight, used.steps, used.by_numbers, numbers)
     limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
     return unchecked(learn_appearance)(images, lines, looked_at, covariance, appearance, limits, values.appearance)
 
 
 def found_faces(texture: Texture, used: FitResiduals) -> Indices:
     """Faces of the patches that a fit found."""
-    return texture.patches.face[used.chosen[used.weighting.patch_weight > 0]]
+    return unchecked(faces_found)(texture.patches.face, used.chosen, used.weighting.patch_weight)
 
 
 def learn_patches(memory: Memory, seen: Seen, fit: Fit, faces: Indices, dt_s: float, good_support: float) -> None:
@@ -88,9 +89,9 @@ def learn_patches(memory: Memory, seen: Seen, fit: Fit, faces: Indices, dt_s: fl
     in_turn = memory.frames % TAKE_EVERY == 0 and (few or texture.now_s - texture.searched_s > TAKE_AFTER_S)
     due = (few and not texture.barren) or in_turn
     if due and hits < MOST_USED and fit.edge_support >= good_support:
-        if not hits:
-            biases.begin(used.edges, used.sums, used.step, used.prior_information, pose)
         texture.take(images.searched, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
+        if not hits and len(texture):
+            biases.begin(used.edges, used.sums, used.step, used.prior_information, pose)
 
 
 def learn_numbers(

@@ -88,6 +88,16 @@ class Searched(NamedTuple):
         return Searched(problem, self.aligned, self.found, self.patches)
 
 
+@compiled("f2 f1 f2")
+def are_finite(R: Array, t: Array, covariance: Array) -> bool:
+    """Whether a pose (R, t) and its covariance (6, 6) are finite."""
+    for numbers in (R.ravel(), t, covariance.ravel()):
+        for number in numbers:
+            if not math.isfinite(number):
+                return False
+    return True
+
+
 @compiled("f2 f2 f2")
 def covariance_of_told(told: Array, information: Array, covariance: Array) -> Array:
     """Covariance (6, 6) of a pose by what was told of it in place of the information of the step to it."""
@@ -141,8 +151,7 @@ class Fit:
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
         pose = self.cam_from_world
-        numbers = (each.ravel().tolist() for each in (pose.rotation, pose.translation, self.covariance))
-        return all(all(map(math.isfinite, each)) for each in numbers)  # of so few, a third of numpy's time
+        return unchecked(are_finite)(pose.rotation, pose.translation, self.covariance)
 
     @property
     def covariance_of_told(self) -> Array:

@@ -102,12 +102,15 @@ class Weightings(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Support of a fit, that of its edges alone, numbers of candidates and inliers, and what chance finds."""
+    """Support of a fit, that of its edges alone, numbers of candidates and inliers, the weight of all that a search
+    found, and what chance finds.
+    """
 
     support: float
     edge_support: float
     candidates: int
     inliers: int
+    found: float
     chance: Chance
 
 
@@ -237,7 +240,7 @@ def judge(
     view: at the fit to the matches; other arguments as of `support`.
     """
     matched, last, distance = weightings.matched, weightings.last, measured.candidates.distance
-    weak_step, inliers = values.appearance.weak_step_grey, 0
+    weak_step, inliers, found = values.appearance.weak_step_grey, 0, 0.0
     share = support(measured, counts, matched.weight, matched.patch_weight, correlation, appearance, weak_step)
     candidates = np.zeros(len(distance), np.int64)
     for p in range(distance.shape[0]):
@@ -247,8 +250,12 @@ def judge(
         inliers += int(last.weight[p] != 0.0)
     for p in range(len(last.patch_weight)):
         inliers += int(last.patch_weight[p] != 0.0)
+    for p in range(len(matched.weight)):
+        found += matched.weight[p]
+    for p in range(len(matched.patch_weight)):
+        found += 1.0 if matched.patch_weight[p] != 0.0 else 0.0
     by_chance = chance_of_matches(measured, candidates, matched, correlation, view, values.widths)
-    return Judged(share.whole, share.edges, int(candidates.sum()), inliers, by_chance)
+    return Judged(share.whole, share.edges, int(candidates.sum()), inliers, found, by_chance)
 
 
 @compiled(

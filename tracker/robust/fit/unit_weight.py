@@ -37,7 +37,8 @@ class UnitWeight:
         seen = unchecked(edge_spread)(used.sums, used.edges, state, first, used.steps, response, fit.covariance)
         self.frames += 1
         new = max(self.rate, 1 / self.frames)
-        self.spread = Spread(*((1 - new) * old + new * now for old, now in zip(self.spread, seen, strict=True)))
+        old = self.spread
+        self.spread = Spread((1 - new) * old.chi2 + new * seen.chi2, (1 - new) * old.freedom + new * seen.freedom)
 
     @property
     def variance(self) -> float:

@@ -257,6 +257,17 @@ def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: A
     return Hits(n, any_lost)
 
 
+@compiled("i1 i1 f1")
+def faces_found(face: Indices, chosen: Indices, weights: Array) -> Indices:
+    """Faces, of those of all patches, of the chosen ones (m,) that were inliers, with weights (m,) > 0."""
+    found, n = np.empty(len(chosen), np.int64), 0
+    for k in range(len(chosen)):
+        if weights[k] > 0.0:
+            found[n] = face[chosen[k]]
+            n += 1
+    return found[:n].copy()
+
+
 @compiled("patches i0 i1 f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
 def shift_places(
     patches: Patches, count: int, faces: Indices, twist: Array, view: View, config: AlignmentConfig
