@@ -34,7 +34,9 @@ MOST_NEW = 6
 MAX_MISSES = 6
 """A patch missed in more frames than this is removed: limits the time spent on vanished patches."""
 FIRST_SPOTS = 400
-"""Start positions of the corner detection while there are no patches yet."""
+"""Start positions of the corner detection while there are no patches yet; a quarter of them, others each time, after a
+frame that has none: limits the time of structures where no patch is found.
+"""
 SPACING_PX = float(SIDE)
 """Least distance between patches, so that they do not overlap. Measured around a box 2.5 m away: patches 6 px apart
 drift.
@@ -54,7 +56,7 @@ class Texture:
         self.patches = Patches.room_for(MAX_PATCHES)
         self.chosen = np.zeros(0, dtype=np.int64)
         self.turn = 0
-        self.barren = False
+        self.barren, self.first_spots = False, FIRST_SPOTS
         self.now_s, self.searched_s = 0.0, -math.inf
 
     def __len__(self) -> int:
@@ -96,7 +98,8 @@ class Texture:
             in_use = np.isin(np.arange(self.count), self.chosen)
             order = np.lexsort([-self.patches.hits[: self.count], ~in_use])
             self._keep(np.argsort(order, kind="stable") < MAX_PATCHES * 3 // 4)
-        spots = self._spots(pose)
+        spots = self._spots(pose, MOST_USED if self.count else self.first_spots)
+        self.first_spots = FIRST_SPOTS if self.count else FIRST_SPOTS // 4
         if not len(spots):
             return
         most = min(MAX_PATCHES - self.count, 2 * MOST_USED if self.count == 0 else MOST_NEW)
@@ -137,14 +140,13 @@ class Texture:
         corner = HALF + BESIDE
         return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-corner, corner), repeat=2)])
 
-    def _spots(self, pose: Pose) -> Indices:
-        """Quasi-random pixels (n, 2) in the box around the projected structure, new in every frame (Roberts 2018)."""
+    def _spots(self, pose: Pose, n: int) -> Indices:
+        """Up to n quasi-random pixels (n, 2) in the box around the projection, others each time (Roberts 2018)."""
         low, high = np.zeros(2), self.view.size_px.copy()
         cam = pose.transform(self.edges.extent)
         if (cam[:, 2] > self.view.near).all():
             px = self.camera.project(cam)
             low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
-        n = FIRST_SPOTS if self.count == 0 else MOST_USED
         k = np.arange(self.turn, self.turn + n)
         self.turn += n
         spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])
