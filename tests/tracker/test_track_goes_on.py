@@ -111,3 +111,19 @@ def test_a_track_goes_on_by_the_fit_that_begins_where_it_ends(tracked, monkeypat
         monkeypatch.setattr(tracked.run.state, "is_lost", True)
         decision = decider.recover(frame, weak)
         assert decision.settled == settled and decision.fit is found.fit
+
+
+@pytest.mark.parametrize(("aside", "status"), [(0.0, "ok"), (0.2, "ambiguous")])
+def test_a_track_is_not_ok_while_a_search_finds_a_likelier_pose_elsewhere(tracked, monkeypatch, aside, status):
+    """Neither leads: the track's fit has been drawn along by what passes, or the other one is a chance find."""
+    decider, frame, state = tracked.run.decider, tracked.frame, tracked.run.state
+    weak = replace(tracked.fit, support=0.71, chance=Chance(-7.7, -7.7))
+    turned = se3_exp_left(weak.cam_from_world.rotation, weak.cam_from_world.translation, np.full(6, aside))
+    other = replace(weak, cam_from_world=Pose(*turned), support=0.73, chance=Chance(-12.3, -12.3))
+    found = Relocalized(other, 0.02, False, False, False, False, False, (), ())
+    monkeypatch.setattr(decider.relocator, "search", lambda sought: found)
+    monkeypatch.setattr(state, "is_lost", False)
+    monkeypatch.setattr(state, "usual_support", 0.85)
+    decision = decider.recover(frame, weak)
+    assert decision.settled == (status == "ok") and decision.rivalled == (status == "ambiguous")
+    assert decision.fit is (weak if status == "ok" else other)

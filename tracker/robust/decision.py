@@ -23,8 +23,7 @@ from uavbench.tracker.stage_clock import StageClock
 
 SEARCH_EVERY = 8
 """Frames between searches that find nothing better, while support is sufficient: limits their time, where frames are so
-close together that their budget is the least one.
-"""
+close together that their budget is the least one."""
 MOST_GUESSES = 3
 """Hypotheses around whose predictions a pose is searched: limits the time that each of them takes."""
 
@@ -283,10 +282,10 @@ class Decider:
 
     def recover(self, frame: Frame, fit: Fit) -> Decision:
         """The best fit of a slice of the search around the prediction and the last pose, or the given fit."""
-        loss, predicted = self.config.loss, frame.predicted.cam_from_world
+        loss, config, predicted = self.config.loss, self.config.relocalization, frame.predicted.cam_from_world
         covariance = self.state.spread(Likely(frame.predicted), frame.dt_s).predicted.covariance
         if self.state.is_first or not self.doubts.settled:
-            covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
+            covariance = covariance + isotropic_covariance(config.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
         tracked = not (first or slow or self.state.is_lost)
         others = [each.predicted.cam_from_world for each in frame.likely[1:MOST_GUESSES]]
@@ -334,15 +333,16 @@ class Decider:
         if settled or found.all_done:
             self.relocator.forget()
         holds = not unvouched if first else fit.support >= loss.min_support
-        if settled and found.advantage > (self.config.relocalization.lead if holds and not slow else 0.0):
+        if settled and found.advantage > (config.lead if holds and not slow else 0.0):
             return Decision(found.fit, True, searched=searched)
         there = not slow and fit.finite and self.state.is_there(fit, frame.predicted, True)
-        if settled or (((tracked and holds) or there) and not found.outdoes(fit, self.config.relocalization.lead)):
+        elsewhere = found.fit is not fit and not near  # a track's fit may have been drawn along
+        if settled or (((tracked and holds) or there) and not (elsewhere or found.outdoes(fit, config.lead))):
             return Decision(fit, True, searched=unvouched)
         again = found.fit.finite and not searched and not slow  # the track's fit, with the points seen where it ends
         if again and self.state.is_there(found.fit, frame.predicted, True):
             return Decision(found.fit, True)
-        rivalled = rivalled or (enough and found.rivalled)
+        rivalled = rivalled or (enough and found.rivalled) or (tracked and holds and elsewhere)
         if first or not found.near_done:
             return Decision(found.fit, False, rivalled, contenders=found.contenders)
         leads = found.leads and self.state.may_begin_at(found.fit)
