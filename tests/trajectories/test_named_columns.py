@@ -45,3 +45,20 @@ def test_columns_in_another_order_are_an_error(tmp_path: Path, text: str, named:
     (tmp_path / "a.txt").write_text(text)
     with pytest.raises(UserError, match=f"a.txt: its comment names the columns {named}, but in the format {format} "):
         read_trajectory(tmp_path / "a.txt")
+
+
+def test_columns_of_euroc_with_seconds_are_told_to_have_nanoseconds(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"{EUROC_NAMES}\n" + "".join(f"1403636579.{k}5,1,2,3,1,0,0,0\n" for k in range(3)))
+    with pytest.raises(UserError, match=r"; or, if it is euroc, write its stamps in integer nanoseconds$"):
+        read_trajectory(tmp_path / "a.csv")
+    with pytest.raises(UserError, match=r"have decimals and step by 0\.1, and those of euroc are integer nanoseconds"):
+        read_trajectory(tmp_path / "a.csv", "euroc")
+
+
+@pytest.mark.parametrize("written", ["{:.18e}", "{:.1f}", "{:g}"])
+def test_nanoseconds_as_other_programs_write_whole_numbers_are_those_of_euroc(tmp_path: Path, written: str) -> None:
+    stamps_ns = [50_000_000 * k for k in range(3)]
+    rows = "".join(f"{written.format(float(ns))},1,2,3,1,0,0,0\n" for ns in stamps_ns)
+    (tmp_path / "a.csv").write_text(f"{EUROC_NAMES}\n{rows}")
+    read = read_trajectory(tmp_path / "a.csv")
+    assert (read.format, read.trajectory.stamps_ns.tolist()) == ("euroc", stamps_ns)

@@ -26,7 +26,6 @@ from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.covariances import CovariantTrajectory, PoseCovariances
 from uavbench.trajectories.trajectory_files.named_columns import check_named_columns
 from uavbench.trajectories.trajectory_files.number_lines import (
-    STAMP_CHARACTERS,
     Layout,
     NumberLines,
     cells_of,
@@ -35,6 +34,7 @@ from uavbench.trajectories.trajectory_files.number_lines import (
     first_lines,
     read_lines,
     separator_advice,
+    whole_number,
 )
 
 KITTI_RATE_HZ = 10.0
@@ -76,7 +76,7 @@ def read_trajectory(path: Path, format: str | None = None) -> TrajectoryFile:
 def guess_format(path: Path) -> str:
     """Name of the format that a file's first lines of numbers match; UserError when they match none.
 
-    Eight numbers or more are euroc if the first one counts nanoseconds: an integer that grows by at least
+    Eight numbers or more are euroc if the first one counts nanoseconds: a whole number that grows by at least
     LEAST_NS_STEP, or has at least twelve digits. Twelve with spaces between them are kitti in any case.
     """
     (number, line), *second = first_lines(path, 2)
@@ -143,6 +143,7 @@ def read_euroc(path: Path) -> Trajectory:
     """Trajectory of an EuRoC ground-truth file; columns after the quaternion are ignored. UserError naming the line."""
     check_named_columns(path, comments(path), "euroc")
     lines = read_lines(path, Layout(8, more=True, unit_ns=1))
+    _check_unit(path, lines)
     return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, 4:8])
 
 
@@ -221,10 +222,22 @@ def seconds(stamp_ns: int) -> str:
     return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
 
 
-def _in_nanoseconds(stamps: list[str]) -> bool:
-    if not all(stamp.lstrip("+-").isdigit() and len(stamp) < STAMP_CHARACTERS for stamp in stamps):
+def _in_nanoseconds(texts: list[str]) -> bool:
+    """Whether stamps are whole numbers, also as `1.5e9` or `15.0`, which count nanoseconds by their size or step."""
+    stamps = [whole_number(text) for text in texts]
+    if stamps[0] is None or stamps[-1] is None:
         return False
-    return len(stamps[0]) >= 12 or (len(stamps) > 1 and int(stamps[1]) - int(stamps[0]) >= LEAST_NS_STEP)
+    return len(str(abs(stamps[0]))) >= 12 or stamps[-1] - stamps[0] >= LEAST_NS_STEP
+
+
+def _check_unit(path: Path, lines: NumberLines) -> None:
+    """UserError for stamps with decimals that step by less than LEAST_NS_STEP: they are not nanoseconds."""
+    steps = np.diff(lines.values[:, 0])
+    if np.any(lines.values[:, 0] % 1) and len(steps) and (step := np.median(steps)) < LEAST_NS_STEP:
+        raise UserError(
+            f"{path}: its stamps have decimals and step by {step:.6g}, and those of euroc are integer nanoseconds; "
+            "multiply seconds by 1e9"
+        )
 
 
 def _trajectory(path: Path, lines: NumberLines, positions: Array, quaternions: Array) -> Trajectory:

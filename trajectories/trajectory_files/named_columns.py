@@ -15,6 +15,11 @@ ORDERS: Mapping[str, tuple[str, ...]] = {
     "tum": ("x", "y", "z", "qx", "qy", "qz", "qw"),
     "euroc": ("x", "y", "z", "qw", "qx", "qy", "qz"),
 }
+MEANT: Mapping[str, str] = {
+    "tum": "; or, if it is tum, write its stamps in seconds, with decimals",
+    "euroc": "; or, if it is euroc, write its stamps in integer nanoseconds",
+}
+"""What to do about a file in the order of another format, which its stamps do not tell."""
 
 
 def check_named_columns(path: Path, comments: str, format: str) -> None:
@@ -26,9 +31,10 @@ def check_named_columns(path: Path, comments: str, format: str) -> None:
     for line in comments.splitlines():
         named = _components(line)
         if sorted(named) == sorted(expected) and tuple(named) != expected:
+            other = next((name for name, order in ORDERS.items() if order == tuple(named)), "")
             raise UserError(
                 f"{path}: its comment names the columns {' '.join(named)}, but in the format {format} they are "
-                f"{' '.join(expected)}; put the columns into this order, or correct the comment"
+                f"{' '.join(expected)}; put the columns into this order, or correct the comment{MEANT.get(other, '')}"
             )
 
 

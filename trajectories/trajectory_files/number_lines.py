@@ -137,6 +137,16 @@ def cells_of(line: str) -> list[str]:
     return [cell for part in line.rstrip(", \t\r\n").split(",") for cell in part.split() or [""]]
 
 
+def whole_number(text: str) -> int | None:
+    """The whole number that a stamp is, in any notation, as 1.5e9 and 15.0 too; None for any other text."""
+    try:
+        value = Decimal(text.replace("_", "?"))
+    except InvalidOperation:
+        return None
+    plain = value.is_finite() and value.adjusted() < STAMP_CHARACTERS and value == value.to_integral_value()
+    return int(value) if plain else None
+
+
 def column_advice(values: int) -> str:
     """What to do about lines with a number of values that no format has; "" where nothing is known of it."""
     known = MEANT_BY.get(values, "")
