@@ -24,7 +24,13 @@ from uavbench.bench.runner.extent import (
 )
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, fresh_jobs, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights, plans_of_scores
-from uavbench.bench.runner.output_folder import refuse_foreign_folder, remove_verdicts, resolved, suite_folder
+from uavbench.bench.runner.output_folder import (
+    mark_older_pages,
+    refuse_foreign_folder,
+    remove_verdicts,
+    resolved,
+    suite_folder,
+)
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures
 from uavbench.bench.said import say
@@ -91,13 +97,18 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
         disown_stale_scores(suite, folder, part)
-        if any(job.verb == "score" for job in not_fresh(jobs)):
+        todo = not_fresh(jobs)
+        if any(job.verb == "score" for job in todo):
             remove_verdicts(folder)
+        if todo:
+            mark_older_pages(folder)  # now, as a run that is killed marks none at its end
         outcome = run_graph(jobs, *pool)
         if changed := disown_touched(jobs, planned, outcome.done):
             say(changed, err=True)
         count_failed_trackers(jobs, outcome)
         tell(outcome, folder, suite_name)
+        if last != "report":
+            tell_faults(jobs, outcome)
         if shard is None:
             with told_at_most(folder / SECONDS):
                 remember(outcome, folder)
@@ -205,6 +216,16 @@ def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
                 outcome.failed[job.name] = str(why)
     outcome.done = [job for job in outcome.done if job.name not in outcome.failed]
     outcome.fresh = [job for job in outcome.fresh if job.name not in outcome.failed]
+
+
+def tell_faults(jobs: list[Job], outcome: Outcome) -> None:
+    """Report the runs whose trackers broke the protocol on some frames; a report has them in its table."""
+    for job in jobs:
+        if job.verb == "track" and job.name not in outcome.failed and job.marker.is_file():
+            errors = json.loads(job.marker.read_text(encoding="utf-8")).get("errors")
+            if errors:
+                count = "1 fault" if len(errors) == 1 else f"{len(errors)} faults, first"
+                say(f"crashed: {job.name} counts as failed, for {count}: {errors[0]}", err=True)
 
 
 def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[Pool]:

@@ -134,7 +134,16 @@ def _digest(verdict: Path) -> str:
 
 
 def mark_older_pages(folder: Path) -> None:
-    """Say on each page of the report in a folder that it is of earlier scores; a page that was edited since stays."""
+    """Say on each page of the report in a folder that it is of earlier scores, if it is.
+
+    A page that was edited since stays, and one that cannot be written: the run tells what is wrong with the folder.
+    """
+    with suppress(OSError, UserError):
+        if has_older_report(folder):
+            _mark_pages(folder)
+
+
+def _mark_pages(folder: Path) -> None:
     for path in (folder / RECORDS / name for name in ("report.json", "flights.json")):
         record = Record.read(path)
         marked = {}
@@ -183,9 +192,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
             raise
         finally:
             clean_leftovers(folder, alone=shard is None)
-            with suppress(OSError, UserError):  # the run tells what is wrong with the folder
-                if has_older_report(folder):
-                    mark_older_pages(folder)
+            mark_older_pages(folder)
 
 
 def clean_leftovers(folder: Path, *, alone: bool) -> None:

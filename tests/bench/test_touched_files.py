@@ -13,10 +13,12 @@ import uavbench as ub
 from tests.bench.conftest import in_this_process, packed
 from tests.bench.drawn_scores import drawn, write
 from tests.bench.small_suites import FLOWN, SMALL, small_suite
+from tests.bench.test_external import HOLD, STREAM
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.gate.paired_scores import read_side
 from uavbench.bench.inputs.touched_files import Stamps, touched_since
+from uavbench.bench.runner import commands
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disowned_if_ended
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
@@ -336,3 +338,37 @@ def test_files_that_were_written_are_named(tmp_path):
         (tmp_path / name).write_text(name)
     with pytest.raises(UserError, match="changed while it was in use: a, b, c and 1 more; so what"):
         before.expect_unchanged("so what")
+
+
+@pytest.mark.usefixtures("in_process")
+def test_pages_are_marked_before_the_first_job_as_a_killed_run_marks_none(tmp_path, monkeypatch):
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+    path.write_text(SMALL)
+    assert bring_up_to("report", str(path), out, ExecutionOptions()) == 0
+    path.write_text(SMALL.replace('kind = "hold"', 'kind = "vo"'))
+    seen = []
+
+    def marked():
+        return ["This page is of an earlier run" in page.read_text() for page in out.rglob("*.html")]
+
+    def watched(*given):
+        seen.extend(marked())
+        return run_graph(*given)
+
+    monkeypatch.setattr(commands, "run_graph", watched)
+    assert bring_up_to("report", str(path), out, ExecutionOptions()) == 0
+    assert (seen, marked()) == ([True] * 3, [False] * 3)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_faults_of_trackers_are_told_by_commands_that_write_no_report(tmp_path, capsys):
+    path, out = tmp_path / "small.toml", tmp_path / "out"
+    program = f"{HOLD}{STREAM.format(each='if count == 1: stamp += 1')}"
+    (tmp_path / "program.py").write_text(program)
+    mine = 'mine = { kind = "external", command = ["python3", "program.py"] }\n'
+    path.write_text(SMALL.replace("seeds = [0, 1]", "seeds = [0]") + mine)
+    for _ in range(2):  # the second run finds it fresh
+        assert bring_up_to("score", str(path), out, ExecutionOptions()) == 0
+        said = capsys.readouterr().err
+        assert "crashed: track box-s0 mine@15hz counts as failed, for 1 fault: [unknown-stamp] frame 1" in said
+        assert said.count("crashed:") == 1
