@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 
 from uavbench.bench.inputs.elsewhere import linked_with, named_anywhere, whole_paths
@@ -29,6 +30,10 @@ WORD = re.compile(r"[\w.+@%~*-]+(?:/[\w.+@%~*-]+)*")
 """Part of a text that may be a file name or a glob pattern."""
 PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")
 """Glob patterns with a suffix: `*.npy`, but neither `*` nor recursive patterns."""
+FILLED_IN = re.compile(r"%[-+#0]*\d*(?:\.\d+)?[diouxXeEfFgGcrsa]|\{[^{}]*\}")
+"""What `%` and `format` replace by a value: `%03d`, `{}`, `{k:03d}`."""
+MODULE_OF = re.compile(r"((?:[^\W\d]\w*\.)+)\*?")
+"""Name of a package, a point, and a module that is known at run time only, as in `f"backends.{name}"`."""
 MODULES = (".py", "/__init__.py", "/__main__.py")
 
 
@@ -82,8 +87,11 @@ def _without_detours(path: Path) -> Path:
 def _named_by(source: Path) -> Iterator[Path]:
     """Files that one source names."""
     words = frozenset() if is_ours(source) else _words(source, stamp(source))
+    packages: list[str] = []
     if is_python(source):
-        yield from (path for text in (() if is_ours(source) else texts(source)) for path in whole_paths(text))
+        given = frozenset() if is_ours(source) else _texts(source)
+        packages = [found[1].replace(".", "/") for found in map(MODULE_OF.fullmatch, given) if found]
+        yield from (path for text in given for path in whole_paths(text))
     else:
         yield from named_anywhere(_text(source))
         yield from linked_with(source)
@@ -91,15 +99,24 @@ def _named_by(source: Path) -> Iterator[Path]:
     folders = list(dict.fromkeys(path for folder in folders_of(source) for path in (folder, folder.parent)))
     for folder in folders:  # grows within the loop
         there = _names_in(folder)
-        for word in words:
+        for package in packages:
+            yield from _fitting(folder, there, f"{package}*.py")
+        for word in sorted(words):
             for name in (word, f"{source.stem}{word}", *(word.replace(".", "/") + end for end in MODULES)):
                 first = name.partition("/")[0]
                 if (first in there or first == "..") and is_file(folder / name):
                     yield folder / name
-            if word in there and word not in (".", "..") and (folder / word).is_dir() and len(folders) < MOST_FOLDERS:
-                folders.append(folder / word)
+            more = (place for place in _inside(folder, there, word) if place not in folders)
+            folders += islice(more, max(0, MOST_FOLDERS - len(folders)))
             if PATTERN.fullmatch(word):
                 yield from _fitting(folder, there, word)
+
+
+def _inside(folder: Path, there: frozenset[str], word: str) -> Iterator[Path]:
+    """Folders in a folder that a word names, also as a package, as in `files("mine.data")`."""
+    for name in dict.fromkeys((word, word.replace(".", "/"))):
+        if name.partition("/")[0] in there and word not in (".", "..") and (folder / name).is_dir():
+            yield folder / name
 
 
 def _fitting(folder: Path, there: frozenset[str], pattern: str) -> Iterator[Path]:
@@ -120,12 +137,18 @@ def _names_in(folder: Path) -> frozenset[str]:
 @lru_cache(maxsize=10_000)
 def _words(path: Path, _: tuple[int, ...]) -> frozenset[str]:
     """Possible file names in a source: for Python the string literals and their words, else all words."""
-    given = texts(path) if is_python(path) else frozenset({_text(path)})
+    given = _texts(path) if is_python(path) else frozenset({_text(path)})
     words = {text for text in given if not text.startswith("/")}
     for word in {word for text in given for word in WORD.findall(text)}:
         parts = word.split("/")
         words |= {"/".join(parts[k:]) for k in range(len(parts))}  # after $HERE/, or in an f-string
     return frozenset(word for word in words - {"", ".", ".."} if len(word) <= LONGEST_NAME)
+
+
+def _texts(path: Path) -> frozenset[str]:
+    """The string literals of a Python source, also with `*` for each value that `%` or `format` fills in."""
+    given = texts(path)
+    return given | {FILLED_IN.sub("*", text) for text in given}
 
 
 def _text(path: Path) -> str:

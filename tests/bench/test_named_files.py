@@ -56,6 +56,8 @@ NAMES = {
     "in a folder": ("data/c.bin", {"data/c.bin"}),
     "in a folder that it names": ("data and c.bin", {"data/c.bin"}),
     "a module": ("inner.deep", {"inner/deep.py"}),
+    "a folder by the name of its package, and a file in it": ("inner.more and e.bin", {"inner/more/e.bin"}),
+    "a folder in a folder, and a file in it": ("inner/more and e.bin", {"inner/more/e.bin"}),
     "a package": ("inner", {"inner/__init__.py", "inner/__main__.py"}),
     "the ending alone": (".npy", {"source.npy"}),
     "a pattern": ("*.bin", {"a.bin", "../b.bin"}),
@@ -73,7 +75,7 @@ def test_a_name_counts_where_there_is_a_file_of_it(tmp_path, what, kind):
     here = tmp_path / "here"
     for name in ("a.bin", "../b.bin", "data/c.bin", "data/d.bin", "source.npy", "inner/deep.py", "other.bin/x"):
         write(here / name, "1")
-    for name in ("inner/__init__.py", "inner/__main__.py"):
+    for name in ("inner/__init__.py", "inner/__main__.py", "inner/more/e.bin"):
         write(here / name)
     name, text = {
         "settings": ("source.toml", f'a = "{said}"\n'),
@@ -81,6 +83,22 @@ def test_a_name_counts_where_there_is_a_file_of_it(tmp_path, what, kind):
         "script": ("source", f"#!/usr/bin/python3\nA = '{said}'\n"),
     }[kind]
     assert named_by(here / name, text) - {"inner/__init__.py"} == found - {"inner/__init__.py"}
+
+
+@pytest.mark.parametrize("said", ['f"nets.{kind}"', '"nets." + kind', '"nets.%s" % kind', '"nets.{}".format(kind)'])
+def test_modules_whose_names_are_computed_are_all_of_their_package(tmp_path, said):
+    for name in ("nets/small.py", "nets/large.py", "nets/notes.txt", "other.py"):
+        write(tmp_path / "here" / name)
+    text = f'"""Loads what is in nets. Or none."""\nimport importlib\nNET = importlib.import_module({said})\n'
+    assert named_by(tmp_path / "here" / "source.py", text) == {"nets/small.py", "nets/large.py"}
+    assert named_by(tmp_path / "here" / "source.py", text.replace(said, "kind")) == set()
+
+
+@pytest.mark.parametrize("said", ['f"net-{k:03d}.bin"', '"net-%03d.bin" % k', '"net-{:03d}.bin".format(k)'])
+def test_names_into_which_values_are_filled_are_patterns(tmp_path, said):
+    for name in ("net-001.bin", "net-002.bin", "net.bin"):
+        write(tmp_path / "here" / name)
+    assert named_by(tmp_path / "here" / "source.py", f"W = {said}\n") == {"net-001.bin", "net-002.bin"}
 
 
 def test_names_are_followed_and_long_and_binary_files_are_data(tmp_path):
