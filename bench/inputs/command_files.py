@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from uavbench.bench.inputs.elsewhere import whole_paths
+from uavbench.bench.inputs.elsewhere import WORD, of_system, whole_paths
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.bench.inputs.named_files import folders_of, is_python, named_files
 from uavbench.trajectories.source_files import among, made_of, parsed
@@ -15,6 +15,8 @@ from uavbench.trajectories.source_files import among, made_of, parsed
 PYTHONS = ("python", "pypy")
 """Prefixes of the names of Python interpreters."""
 SITES = ("lib/python*/site-packages", "lib/python*/dist-packages")
+MAIN = "__main__.py"
+"""Script that a Python interpreter runs of a folder."""
 LISTS = ("*.dist-info/METADATA", "*.egg-info/PKG-INFO", "*.egg-info")
 """Patterns of the files by which an environment records its distributions and their versions."""
 
@@ -40,8 +42,7 @@ def editable_folders(command: Sequence[str]) -> list[Path]:
 
 def _named(command: Sequence[str]) -> set[Path]:
     """The `run_files` of a command, the files whose whole paths it holds, and all files that these name."""
-    run = {*run_files(command), *(path for word in command for path in whole_paths(word))}
-    return named_files(run, among(_search(programs(command))))
+    return named_files(run_files(command), among([*_search(programs(command)), *_folders(command)]))
 
 
 def _pythons(command: Sequence[str], named: set[Path]) -> list[Path]:
@@ -58,16 +59,27 @@ def programs(command: Sequence[str]) -> list[Path]:
 def run_files(command: Sequence[str]) -> tuple[Path, ...]:
     """Files that a command runs or gets as arguments: those that an isolated program must be able to read.
 
-    These are the program; the files on the command line; and what the Python scripts among them import from their own
-    folder, from PYTHONPATH or from editable installs. Files that a script merely names are not included.
+    These are the program; the files on the command line, also within a word and in a folder that it names, as in
+    `sh -c "cd /a && exec python3 b.py"`; and what the Python scripts among them import from their own folder, from
+    PYTHONPATH, from a folder that the command names or from editable installs. Files that a script merely names are not
+    included.
     """
-    program = programs(command)
+    program, folders = programs(command), _folders(command)
     words = [Path(part) for word in command for part in {word, word.partition("=")[2]}]
-    files = [*program, *(path for path in words if path.is_absolute() and is_file(path))]
+    given = [*(path for path in words if path.is_absolute()), *(path for word in command for path in whole_paths(word))]
+    inside = {MAIN, *(name for word in command for name in WORD.findall(word))}
+    given += [folder / name for folder in folders for name in inside if not name.startswith("/")]
+    files = [*program, *filter(is_file, given)]
     scripts = [path for path in files if is_python(path)]
     modules = [f"{name}{end}" for word, name in pairwise(command) if word == "-m" for end in ("", ".__main__")]
-    made = made_of(modules, scripts, among([*folders_of(*scripts), *_search(program)]))
+    made = made_of(modules, scripts, among([*folders_of(*scripts), *folders, *_search(program)]))
     return tuple(sorted({*files, *made.files}))
+
+
+def _folders(command: Sequence[str]) -> list[Path]:
+    """User's folders that a command names by whole paths: it goes there, imports from there, or runs their `MAIN`."""
+    names = (Path(name) for word in command for name in WORD.findall(word) if name.startswith("/"))
+    return [path for path in dict.fromkeys(names) if path.is_dir() and not of_system(path)]
 
 
 def _search(program: Sequence[Path]) -> list[Path]:

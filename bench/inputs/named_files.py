@@ -35,6 +35,9 @@ FILLED_IN = re.compile(r"%[-+#0]*\d*(?:\.\d+)?[diouxXeEfFgGcrsa]|\{[^{}]*\}")
 MODULE_OF = re.compile(r"((?:[^\W\d]\w*\.)+)\*?")
 """Name of a package, a point, and a module that is known at run time only, as in `f"backends.{name}"`."""
 MODULES = (".py", "/__init__.py", "/__main__.py")
+OTHER_SOURCES = (".js", ".mjs", ".cjs", ".ts", ".lua", ".rb", ".m", ".jl", ".R")
+OTHER_MODULES = ("", "/index", "/init")
+"""Endings of other languages, and what is before them in the files of their modules: `require("./lib/track")`."""
 
 
 def named_files(sources: Iterable[Path], find: Find = source_file) -> set[Path]:
@@ -96,13 +99,14 @@ def _named_by(source: Path) -> Iterator[Path]:
         yield from named_anywhere(_text(source))
         yield from linked_with(source)
         yield from parts_of(source)
+    endings = [*MODULES, *(f"{end}{source.suffix}" for end in OTHER_MODULES if source.suffix in OTHER_SOURCES)]
     folders = list(dict.fromkeys(path for folder in folders_of(source) for path in (folder, folder.parent)))
     for folder in folders:  # grows within the loop
         there = _names_in(folder)
         for package in packages:
             yield from _fitting(folder, there, f"{package}*.py")
         for word in sorted(words):
-            for name in (word, f"{source.stem}{word}", *(word.replace(".", "/") + end for end in MODULES)):
+            for name in (word, f"{source.stem}{word}", *(_of_module(word) + end for end in endings)):
                 first = name.partition("/")[0]
                 if (first in there or first == "..") and is_file(folder / name):
                     yield folder / name
@@ -110,6 +114,11 @@ def _named_by(source: Path) -> Iterator[Path]:
             folders += islice(more, max(0, MOST_FOLDERS - len(folders)))
             if PATTERN.fullmatch(word):
                 yield from _fitting(folder, there, word)
+
+
+def _of_module(word: str) -> str:
+    """Path of a module without its ending: `lib/track` of `lib.track`, and of `./lib/track`."""
+    return word.removeprefix("./").replace(".", "/")
 
 
 def _inside(folder: Path, there: frozenset[str], word: str) -> Iterator[Path]:

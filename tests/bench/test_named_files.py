@@ -177,6 +177,47 @@ def test_what_a_command_runs_and_is_given_is_its_files(tmp_path, monkeypatch):
     assert set(of_module) == {tool, tmp_path / "more/mod/__init__.py", tmp_path / "more/mod/__main__.py"}
 
 
+COMMANDS = {
+    "a script in the text of a shell": ("sh", "-c", "exec python3 HERE/t.py"),
+    "a script where the shell goes": ("sh", "-c", "cd HERE && exec python3 t.py"),
+    "a script where a program goes": ("env", "-C", "HERE", "python3", "t.py"),
+    "a module from PYTHONPATH": ("env", "PYTHONPATH=HERE", "python3", "-m", "t"),
+    "a folder that Python runs": ("python3", "HERE"),
+}
+
+
+@pytest.mark.parametrize("what", COMMANDS)
+def test_what_a_command_runs_by_whole_paths_counts_with_its_imports(tmp_path, what):
+    for name in ("t.py", "__main__.py"):
+        write(tmp_path / "app" / name, "import helper\n")
+    write(tmp_path / "app" / "helper.py", "NET = 'net.bin'\n")
+    write(tmp_path / "app" / "net.bin")
+    write(tmp_path / "app" / "other.py")
+    command = [word.replace("HERE", str(tmp_path / "app")) for word in COMMANDS[what]]
+    found = {path.name for path in command_files(command) if path.is_relative_to(tmp_path)}
+    assert found - {"t.py", "__main__.py"} == {"helper.py", "net.bin"}
+    assert found & ({"__main__.py"} if command[1:] == [str(tmp_path / "app")] else {"t.py"})
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("t.js", "const h = require('./lib/h')\n", {"lib/h.js"}),
+        ("t.mjs", "import { h } from '../shared/h.mjs'\n", {"../shared/h.mjs"}),
+        ("t.js", "const x = require('./lib')\n", {"lib/index.js"}),
+        ("t.lua", 'local h = require("lib.h")\n', {"lib/h.lua"}),
+        ("t.rb", 'require_relative "lib/h"\n', {"lib/h.rb"}),
+        ("t.m", "x = h(1);\n", {"h.m"}),
+        ("t.toml", "a = 'h'\n", set()),
+    ],
+)
+def test_scripts_of_other_languages_name_modules_without_their_ending(tmp_path, name, text, found):
+    here = tmp_path / "here"
+    for file in ("lib/h.js", "../shared/h.mjs", "lib/index.js", "lib/h.lua", "lib/h.rb", "h.m", "h.toml"):
+        write(here / file, "1")
+    assert named_by(here / name, text) == found
+
+
 def test_an_environment_says_what_is_installed_and_what_lies_elsewhere(tmp_path):
     root = tmp_path / "env"
     site = root / "lib" / "python3.11" / "site-packages"
