@@ -97,7 +97,8 @@ def note_verdict(folder: Path, verdict: Path) -> None:
     found = _digest(verdict)
     noted = {**noted_verdicts(folder), str(verdict.resolve()): found}
     with suppress(OSError, UserError):
-        write_text(folder / ELSEWHERE.name, json.dumps({"verdicts": noted}, indent=1) + "\n", kind=ELSEWHERE.kind)
+        note = {"folder": str(folder.resolve()), "verdicts": noted}
+        write_text(folder / ELSEWHERE.name, json.dumps(note, indent=1) + "\n", kind=ELSEWHERE.kind)
 
 
 def remove_verdicts(folder: Path) -> None:
@@ -115,7 +116,10 @@ def remove_verdicts(folder: Path) -> None:
 
 
 def noted_verdicts(folder: Path) -> dict[str, str]:
-    """Digest of the verdict in each folder that is noted; UserError when the note was damaged or edited."""
+    """Digest of the verdict in each folder that is noted; UserError when the note was damaged or edited.
+
+    None in a copy of a folder that is still there: they are on the results of that one.
+    """
     path = folder / ELSEWHERE.name
     if is_seal_broken(path):
         raise DamagedFileError(
@@ -124,7 +128,11 @@ def noted_verdicts(folder: Path) -> dict[str, str]:
         )
     if sealed_kind(path) != ELSEWHERE.kind:
         return {}
-    return {str(place): str(digest) for place, digest in read_json(path)["verdicts"].items()}
+    note = read_json(path)
+    of = Path(note.get("folder", folder))
+    if of.resolve() != folder.resolve() and sealed_kind(of / ELSEWHERE.name) == ELSEWHERE.kind:
+        return {}
+    return {str(place): str(digest) for place, digest in note["verdicts"].items()}
 
 
 def _digest(verdict: Path) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_this_process
 from tests.bench.drawn_scores import drawn, summary, write
 from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.gate import share
@@ -312,6 +313,24 @@ def test_scores_that_are_made_anew_leave_no_verdict_on_or_by_them_elsewhere(tmp_
     kept = {path.parent.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("gate.json")}
     assert kept == {"ci/edited", "copy", "ci/replaced"}
     assert not (tmp_path / anew / "verdicts.json").exists()
+
+
+def test_scores_that_are_made_anew_in_a_copy_leave_the_verdicts_on_the_folder_itself(tmp_path, monkeypatch):
+    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
+    suite, base, copy, ci = small_suite(tmp_path), tmp_path / "base", tmp_path / "copy", tmp_path / "ci"
+
+    def call(*words):
+        return CliRunner().invoke(main, [*map(str, words)]).exit_code
+
+    assert call("score", suite, "--out", base) == 0
+    assert call("gate", base, "--baseline", base, "--out", ci) == 3
+    shutil.copytree(base, copy)
+    suite.write_text(suite.read_text().replace('kind = "hold"', 'kind = "vo"'))
+    assert call("score", suite, "--out", copy) == 0
+    assert (ci / "gate.json").exists() and (base / "verdicts.json").exists()
+    base.rename(tmp_path / "moved")
+    assert call("score", suite, "--out", tmp_path / "moved") == 0
+    assert not (ci / "gate.json").exists(), "moved, and no copy"
 
 
 def test_a_damaged_note_of_verdicts_elsewhere_is_refused_until_it_is_removed(tmp_path):
