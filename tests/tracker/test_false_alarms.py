@@ -9,9 +9,11 @@ from scipy.stats import norm
 
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.robust import track_state
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.false_alarms import PARTS_OF_LINE, Chance, Found, chance, lines_of_edges
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
+from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
@@ -200,8 +202,11 @@ def repainted(log10_false_alarms):
     return [result.status for result in results[KNOWN:]]
 
 
-def test_a_track_goes_on_with_all_edges_where_the_texture_is_gone():
-    assert "lost" in repainted(-np.inf)
+def test_a_track_goes_on_with_all_edges_where_the_texture_is_gone(monkeypatch):
+    """By what chance explains alone: it has less than the support that is asked of others."""
+    with monkeypatch.context() as patched:
+        patched.setattr(TrackState, "is_there", lambda *given, **named: False)
+        assert "lost" in repainted(-np.inf)
     assert repainted(RobustConfig().loss.log10_false_alarms) == ["ok"] * 6
 
 
@@ -247,14 +252,34 @@ def test_after_a_loss_a_searched_pose_is_as_sure_as_a_track(log10_nfa, holds):
 )
 @pytest.mark.parametrize("was_lost", [False, True])
 def test_patches_behind_an_occluder_say_nothing_against_half_of_the_edges(
-    edge_support, log10_edges, recent, goes_on, was_lost
+    monkeypatch, edge_support, log10_edges, recent, goes_on, was_lost
 ):
-    """Also after a frame that was lost, as long as the last pose is recent."""
+    """Also after a frame that was lost, as long as the last pose is recent, and of many poses as near."""
     run, near, fit = after_three_frames()
+    monkeypatch.setattr(track_state, "log10_poses_as_near", lambda *given: 6.0)
     fit = replace(fit, support=0.2, edge_support=edge_support, chance=Chance(log10_edges, log10_edges))
     run.state.is_lost = was_lost
     assert run.state.is_there(fit, near, recent) == goes_on
+    monkeypatch.setattr(TrackState, "is_by_chance", lambda *given: False)
     assert run.state.holds(fit, near, searched=False, recent=recent) == goes_on
+
+
+@pytest.mark.parametrize(
+    ("log10_whole", "log10_as_near", "goes_on"), [(-5.0, 0.0, True), (-5.0, 2.5, False), (-2.5, 0.0, False)]
+)
+@pytest.mark.parametrize("was_lost", [False, True])
+def test_a_track_that_is_mostly_hidden_goes_on_where_chance_finds_less_among_the_poses_as_near(
+    monkeypatch, log10_whole, log10_as_near, goes_on, was_lost
+):
+    """A passer-by hides most of a box, and takes support away, but what is left is where it has to be."""
+    run, near, fit = after_three_frames()
+    fit = replace(fit, support=0.3, edge_support=0.3, chance=Chance(0.0, log10_whole))
+    monkeypatch.setattr(track_state, "log10_poses_as_near", lambda *given: log10_as_near)
+    run.state.is_lost = was_lost
+    assert run.state.is_there(fit, near, recent=False) == goes_on
+    assert run.state.holds(fit, near, searched=False, recent=False) == goes_on
+    far = replace(near, cam_from_world=Pose(np.eye(3), np.array([0.1, 0.0, 0.0])) @ near.cam_from_world)
+    assert not run.state.is_there(fit, far, recent=False)
 
 
 @pytest.mark.parametrize(("log10_edges", "holds"), [(-20.0, True), (-18.0, False)])

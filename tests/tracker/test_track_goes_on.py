@@ -100,17 +100,24 @@ def test_a_search_is_put_off_only_where_frames_have_the_least_budget(tracked, mo
     assert decider.search_is_due(frame, fit) != put_off
 
 
-def test_a_track_goes_on_by_the_fit_that_begins_where_it_ends(tracked, monkeypatch):
-    """Where the prediction is off, the points of the fit from there are partly those that the pose does not show."""
-    decider, frame = tracked.run.decider, tracked.frame
-    weak = replace(tracked.fit, support=0.45, edge_support=0.45, chance=Chance(-7.0, -7.0))
+@pytest.mark.parametrize(
+    ("step_s", "near_done", "alone"), [(0.067, False, False), (0.2, False, True), (0.2, True, False)]
+)
+def test_a_track_goes_on_by_the_fit_that_begins_where_it_ends(tracked, monkeypatch, step_s, near_done, alone):
+    """Where the prediction is off, the points of the fit from there are partly those that the pose does not show.
+
+    Where frames have time for more, likely poses are compared with it first: at 5 Hz it may be at the next edges.
+    """
+    decider, frame = tracked.run.decider, tracked.frame._replace(step_s=step_s)
+    weak = replace(tracked.fit, support=0.45, edge_support=0.45, chance=Chance(-2.0, -2.0))
     again = replace(tracked.fit, support=0.57, edge_support=0.57, chance=Chance(-14.0, -14.0))
     outcome = Relocalized(again, 0.12, False, False, False, False, True, (), ())
     for found, settled in ((outcome, True), (outcome._replace(fit=weak), False)):
-        monkeypatch.setattr(decider.relocator, "search", lambda sought, found=found: found)
+        found = found._replace(near_done=near_done)
         monkeypatch.setattr(tracked.run.state, "is_lost", True)
+        monkeypatch.setattr(decider.relocator, "search", lambda sought, found=found: found)
         decision = decider.recover(frame, weak)
-        assert decision.settled == settled and decision.fit is found.fit
+        assert decision.settled == (settled and not alone) and decision.fit is found.fit
 
 
 @pytest.mark.parametrize(("aside", "status"), [(0.0, "ok"), (0.2, "ambiguous")])

@@ -62,14 +62,12 @@ class Decider:
         self.relocator = Relocator(fitter, camera)
         self.doubts = Doubts(self.relocator)
         self.places = Places(fitter.edges, camera, config.relocalization.search.view_step_rad, fitter.rng)
-        self.slid = False
+        self.slid = self.kept_initial = self.led = False
         self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
         self.until_search, self.searched_suspect = 0, False
         self.recalled = Recalled()
-        self.kept_initial = False
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
-        self.led = False
 
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
@@ -339,7 +337,9 @@ class Decider:
         elsewhere = found.fit is not fit and not near  # a track's fit may have been drawn along
         if settled or (((tracked and holds) or there) and not (elsewhere or found.outdoes(fit, config.lead))):
             return Decision(fit, True, searched=unvouched)
-        again = found.fit.finite and not searched and not slow  # the track's fit, with the points seen where it ends
+        # The track's fit, with the points seen where it ends; where there is time, others are compared with it first.
+        alone = found.near_done or self.config.budget.is_least(frame.step_s)
+        again = found.fit.finite and alone and not (searched or slow)
         if again and self.state.is_there(found.fit, frame.predicted, True):
             return Decision(found.fit, True)
         rivalled = rivalled or (enough and found.rivalled) or (tracked and holds and elsewhere)

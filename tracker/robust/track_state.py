@@ -140,13 +140,17 @@ class TrackState:
     def is_there(self, fit: Fit, predicted: Motion, recent: bool, poses: int = HYPOTHESES) -> bool:
         """Whether a track goes on near the prediction because chance would not match as many edges.
 
-        Near is what the run's own predictions are. Of a recent pose (recent) half of the edges are enough, also after a
-        few frames that were lost: patches that an occluder hides say nothing against it.
+        Near is what the run's own predictions are. What chance would not find among the poses as near is enough,
+        however much is hidden. Of a recent pose (recent) half of the edges are, also after a few frames that were lost:
+        patches that an occluder hides say nothing against it.
         """
         if not self.is_expected(fit, predicted):
             return False
         loss, log10_nfa = self.config.loss, fit.chance.edges + log10(poses)
         if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:
+            return True
+        as_near = log10_poses_as_near(fit, predicted, self.config.solver.estimator.last_width_px)
+        if fit.chance.whole + as_near < SURE:
             return True
         return not self.is_lost and log10_nfa < loss.log10_false_alarms
 
