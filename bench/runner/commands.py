@@ -109,6 +109,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         tell(outcome, folder, suite_name)
         if last != "report":
             tell_faults(jobs, outcome)
+        tell_doubts(jobs, outcome)
         if shard is None:
             with told_at_most(folder / SECONDS):
                 remember(outcome, folder)
@@ -226,6 +227,14 @@ def tell_faults(jobs: list[Job], outcome: Outcome) -> None:
             if errors:
                 count = "1 fault" if len(errors) == 1 else f"{len(errors)} faults, first"
                 say(f"crashed: {job.name} counts as failed, for {count}: {errors[0]}", err=True)
+
+
+def tell_doubts(jobs: list[Job], outcome: Outcome) -> None:
+    """Report the runs whose poses are far off in the way of another convention."""
+    for job in jobs:
+        if job.verb == "score" and job.name not in outcome.failed and job.marker.is_file():
+            for doubt in json.loads(job.marker.read_text(encoding="utf-8")).get("doubts", ()):
+                say(f"doubt: {job.name.removeprefix('score ')}: {doubt}", err=True)
 
 
 def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[Pool]:

@@ -13,7 +13,7 @@ BASELINES = ("hold",)
 
 @dataclass(frozen=True)
 class Failure:
-    """One failed run: sequence, status, description, link to its first failed frame ("" for none), error messages."""
+    """One failed run: sequence, status, description, link to its first failed frame ("" for none), errors, doubts."""
 
     sequence: str
     status: str
@@ -79,7 +79,8 @@ def failure_of(run: ScoredRun, runs: ListOf[ScoredRun], pages: Mapping[str, str]
         frame = int(run.errors.frames[begins[0]])
         place = [other for other in runs if other.sequence is run.sequence].index(run)
         link = f"{page}#run={place}&frame={frame}" if page else ""
-    return Failure(run.sequence.name, status(run), text, link, run.score.errors[:3])
+    told = (*run.score.errors[:3], *(f"doubt: {doubt}" for doubt in run.score.doubts))
+    return Failure(run.sequence.name, status(run), text, link, told)
 
 
 def status(run: ScoredRun) -> str:

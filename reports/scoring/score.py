@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from uavbench.reports.evaluation.doubts.conventions_of_results import doubts_of_results
 from uavbench.reports.metrics.align import Alignment, align
 from uavbench.reports.metrics.ape import absolute_errors
 from uavbench.reports.metrics.association import PosePairs
@@ -55,7 +56,7 @@ class Score:
     are over the frames with a pose: read them with tracking.coverage. latency: by stage, `total` first;
     deadline_misses: share of frames. replay: real-time replay; model: errors of the structure in space and image;
     consistency: NEES; bound: errors over their Cramer-Rao bound; each None where times, covariances or bounds are
-    missing. errors: of the tracker; record: how the score was computed.
+    missing. errors: of the tracker; doubts: on the convention of its poses; record: how the score was computed.
     """
 
     label: str
@@ -74,6 +75,7 @@ class Score:
     bound: ErrorOverBound | None = None
     errors: tuple[str, ...]
     record: dict[str, Any]
+    doubts: tuple[str, ...] = ()
 
     @property
     def run(self) -> str:
@@ -86,9 +88,11 @@ class Score:
         return self.sequence.removesuffix(f"-s{self.seed}")
 
     def to_json(self) -> dict[str, Any]:
-        """The score as a JSON object."""
+        """The score as a JSON object; `doubts` where there are any."""
         value = asdict(self)
         value["errors"] = list(self.errors)
+        if doubts := list(value.pop("doubts")):
+            value["doubts"] = doubts
         return value
 
     @classmethod
@@ -154,6 +158,7 @@ def score(sequence: Sequence, results: Results) -> Score:
         bound=ErrorOverBound.of(sequence, errors),
         errors=faults + unsound,
         record=how(sequence, results),
+        doubts=doubts_of_results(sequence, results, errors),
     )
 
 

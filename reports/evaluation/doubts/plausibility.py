@@ -4,6 +4,7 @@ The latter are those of motion capture that lost its markers, and of trackers th
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,8 @@ SAME_WAY = 0.9
 """Correlation of the distances from the centroid above which two paths count as having the same shape."""
 CLOSE_RAD = np.radians(10.0)
 """Median rotation error in rad below which the quaternion order is not doubted."""
+LEAST_PAIRS = 3
+"""Fewest pairs whose lengths and rotations are doubted."""
 IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]])
 STILL_RAD, CONSTANT = np.radians(1.0), 0.1
 """Median turn since the first pose below which any rotation is constant; spread of a constant one in such turns."""
@@ -57,30 +60,59 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     yield from _doubts_of_origin("reference", reference, MARKERS_LOST)
     yield from _doubts_of_origin("estimate", estimate, "does it say so where it is lost")
     yield from _doubts_of_capture(pairs)
-    if len(pairs) < 3:
+    turned = [*doubts_of_order(pairs, align)] or doubts_of_axes(pairs, align)
+    for doubt in (*_doubts_of_length(pairs, align), *turned):
+        yield f"{doubt.finding}: {doubt.question}"
+
+
+class Doubt(NamedTuple):
+    """What a likely mistake shows, and what to ask the user about it."""
+
+    finding: str
+    question: str
+
+
+def _doubts_of_length(pairs: PosePairs, align: Alignment) -> Iterator[Doubt]:
+    """The unit of length, if positions along a path of the same shape suggest another one."""
+    if len(pairs) < LEAST_PAIRS:
         return
     near, far = _from_middle(pairs.estimate_m), _from_middle(pairs.reference_m)
-    factor = _unit(float(np.sqrt(np.mean(near**2))), float(np.sqrt(np.mean(far**2))), LENGTH_FACTORS)
+    factor = unit_factor(float(np.sqrt(np.mean(near**2))), float(np.sqrt(np.mean(far**2))), LENGTH_FACTORS)
     if factor and align not in SCALED and np.corrcoef(near, far)[0, 1] > SAME_WAY:
-        yield f"the positions of the estimate spread {_times(factor)} those of the reference: are both in metres?"
+        yield Doubt(
+            f"the positions of the estimate spread {times_told(factor)} those of the reference", "are both in metres?"
+        )
+
+
+def doubts_of_order(pairs: PosePairs, align: Alignment) -> Iterator[Doubt]:
+    """Order of quaternion components and direction of the poses, if the rotations would fit with others."""
+    if len(pairs) < LEAST_PAIRS:
+        return
     e, r = pairs.estimate_q, pairs.reference_q
     if found := (align == "none" and _fitting(e, r, lambda q: q, {**OTHERWISE, **Z_DOWN})) or _fitting(
         e, r, _since_first, OTHERWISE
     ):
-        said = " or if ".join(found)
-        yield (
-            f"the rotations of the estimate would fit if {said}: are order and direction (to the world) right, also "
-            "those of the reference?"
+        yield Doubt(
+            f"the rotations of the estimate would fit if {' or if '.join(found)}",
+            "are order and direction (to the world) right, also those of the reference?",
         )
-    elif align == "none" and (angle_deg := turned_deg(e, r)):
-        yield (
+
+
+def doubts_of_axes(pairs: PosePairs, align: Alignment) -> Iterator[Doubt]:
+    """Axes of the moving frame or of the world, if all rotations are turned alike; none after an alignment."""
+    if len(pairs) < LEAST_PAIRS or align != "none":
+        return
+    e, r = pairs.estimate_q, pairs.reference_q
+    if angle_deg := turned_deg(e, r):
+        yield Doubt(
             f"the rotations of the estimate are those of the reference, turned by the same {angle_deg:.0f} degrees in "
-            "all poses: are the axes of the camera, body or world others, or is a --mount inverted?"
+            "all poses",
+            "are the axes of the camera, body or world others, or is a --mount inverted?",
         )
-    elif align == "none" and (angle_deg := turned_deg(conjugate(e), conjugate(r))):
-        yield (
-            f"the rotations of the estimate are those of the reference in a world turned by {angle_deg:.0f} degrees: "
-            "are the axes of one world others, as y up? Turn them, or give --align"
+    elif angle_deg := turned_deg(conjugate(e), conjugate(r)):
+        yield Doubt(
+            f"the rotations of the estimate are those of the reference in a world turned by {angle_deg:.0f} degrees",
+            "are the axes of one world others, as y up? Turn them, or give --align",
         )
 
 
@@ -89,10 +121,10 @@ def doubts_of_stamps(reference: Trajectory, estimate: Trajectory) -> Iterator[st
     if not (len(reference) and len(estimate)):
         return
     ours, theirs = (float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference))
-    if factor := _unit(ours, theirs, STAMP_FACTORS):
+    if factor := unit_factor(ours, theirs, STAMP_FACTORS):
         yield (
-            f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
-            "format (TUM: seconds, EuRoC: nanoseconds)?"
+            f"the stamps of the estimate span {times_told(factor)} those of the reference: are both in the unit of "
+            "their format (TUM: seconds, EuRoC: nanoseconds)?"
         )
         return
     steps_ns = [usual_step_ns(each.stamps_ns) for each in (reference, estimate)]
@@ -181,7 +213,7 @@ def _since_first(q: Array) -> Array:
     return between(np.broadcast_to(q[:1], q.shape), q)
 
 
-def _unit(value: float, other: float, factors: tuple[float, ...]) -> float:
+def unit_factor(value: float, other: float, factors: tuple[float, ...]) -> float:
     """The factor, or its inverse, that a ratio is close to; 0 if it is close to none."""
     if not (value > 0 and other > 0):
         return 0.0
@@ -189,7 +221,8 @@ def _unit(value: float, other: float, factors: tuple[float, ...]) -> float:
     return next((factor for factor in both if abs(np.log(value / other / factor)) < ALIKE), 0.0)
 
 
-def _times(factor: float) -> str:
+def times_told(factor: float) -> str:
+    """`1,000 times`, or `1 / 1,000 of`."""
     return f"{factor:,.0f} times" if factor > 1 else f"1 / {1 / factor:,.0f} of"
 
 
