@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from uavbench.reports.evaluation.doubts.clock_offset import Compared, doubts_of_offset
 from uavbench.reports.evaluation.doubts.other_frames import doubts_of_frames
 from uavbench.reports.evaluation.doubts.plausibility import doubts, doubts_of_stamps
-from uavbench.reports.evaluation.doubts.unpaired_stamps import doubts_of_motion, doubts_of_pairing
+from uavbench.reports.evaluation.doubts.unpaired_stamps import (
+    LeftOut,
+    doubts_of_left_out,
+    doubts_of_motion,
+    doubts_of_pairing,
+    doubts_of_rate,
+)
 from uavbench.reports.evaluation.gaps import longest_step_ns, usual_step_ns
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.json_values import json_values
@@ -150,6 +156,11 @@ class Evaluation:
             ),
             f"pairs      {record['pairs']} ({record['association']}, within {record['max_difference_s']:g} s), "
             f"coverage {100 * self.coverage:.1f} %",
+            *(
+                [f"left out   poses of the estimate: {left}"]
+                if (left := LeftOut(**record["left_out"])) != (0, 0)
+                else []
+            ),
             f"alignment  {record['align']}",
             *([f"           {said}"] if (said := record["alignment"].get("undetermined")) else []),
             "",
@@ -210,6 +221,12 @@ def evaluate(
     i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
     told += doubts_of_motion(reference, estimate, rows, options, position_m)
+    left = LeftOut.of(reference, estimate, rows, options)
+    told = told or [
+        *doubts_of_frames(raw, pairs, options.align),
+        *doubts_of_rate(reference, estimate.stamps_ns if asked_ns is None else asked_ns),
+        *doubts_of_left_out(left, estimate),
+    ]
     sizes = motion_error_sizes(pairs, i, j)
     motion_m, turn_rad = sizes
     lengths: tuple[float, ...] = ()
@@ -235,6 +252,7 @@ def evaluate(
             "max_difference_s": options.max_difference_s,
             "t_offset_s": options.offset_s,
             "pairs": len(pairs),
+            "left_out": left._asdict(),
             "align": options.align,
             "alignment": {
                 "scale": found.scale,
@@ -248,7 +266,7 @@ def evaluate(
             "pairs_from": interval.pairs_from,
             "std_ddof": 0,
             "coverage": OF_FILES if asked_ns is None else OF_TRACKER,
-            "doubts": told or [*doubts_of_frames(raw, pairs, options.align)],
+            "doubts": told,
             "versions": versions(),
         },
         pairs=pairs,

@@ -97,3 +97,34 @@ def test_the_command_tells_it(tmp_path: Path) -> None:
         (tmp_path / name).write_text("".join(f"{ns / 1e9:.9f} {x} {y} {z} 0 0 0 1\n" for ns, (x, y, z) in rows))
     done = CliRunner().invoke(main, ["evaluate", str(tmp_path / "a.tum"), str(tmp_path / "b.tum")])
     assert done.exit_code == 0 and "doubt: " in done.output and "--max-diff 0.016" in done.output, done.output
+
+
+def test_the_poses_of_a_second_run_in_the_file_are_told_with_their_number() -> None:
+    first, again = circle(20.0), circle(20.0)
+    both = Trajectory(
+        np.concatenate([first.stamps_ns, again.stamps_ns + 20_000_000_000]),
+        np.concatenate([first.positions_m, again.positions_m]),
+        np.concatenate([first.quaternions_wxyz, again.quaternions_wxyz]),
+    )
+    found = evaluate_files(first, both)
+    (said,) = found.record["doubts"]
+    assert "400 of 800 poses of the estimate are outside the time of the reference" in said
+    assert "left out   poses of the estimate: 400 outside the time of the reference\n" in found.text()
+
+
+def test_poses_that_pair_with_none_are_counted_in_the_text_without_a_doubt() -> None:
+    found = evaluate_files(circle(20.0), circle(100.0))
+    assert not found.record["doubts"] and found.record["pairs"] == 400
+    assert found.record["left_out"] == {"outside": 3, "within": 1597}
+    assert "left out   poses of the estimate: 3 outside the time of the reference, 1597 without a pair" in found.text()
+    assert "left out" not in evaluate_files(circle(20.0), circle(20.0)).text()
+
+
+@pytest.mark.parametrize("frames", [10, 60])
+def test_images_that_were_tracked_at_another_rate_are_told(frames: int) -> None:
+    """Frames of 15 Hz that were written as of 30 Hz: each pose is paired with that of another image."""
+    way = circle(15.0)
+    true = Trajectory(way.stamps_ns[:frames], way.positions_m[:frames], way.quaternions_wxyz[:frames])
+    found = evaluate_files(true, Trajectory(true.stamps_ns // 2, true.positions_m, true.quaternions_wxyz))
+    assert any("--rate-hz" in doubt for doubt in found.record["doubts"]), found.record["doubts"]
+    assert not [doubt for doubt in evaluate_files(true, true).record["doubts"] if "--rate-hz" in doubt]

@@ -1,6 +1,7 @@
 """What stamps that differ do to an evaluation: poses that were left out, and motion that counts as error."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ MANY = 0.1
 """Share of the poses of the sparser file from which on those that were left out are told."""
 STEP_S = 1e-4
 """Step to which the largest difference that is advised is rounded up."""
+LEAST_POSES, ANOTHER_RATE = 3, 1.2
+"""Fewest frames whose rate is doubted, and ratio of rates from which on they are two."""
 LEAST_M, MOSTLY = 1e-5, 0.5
 """Motion between the stamps of pairs, in m and in position errors, from which on it is told."""
 
@@ -67,4 +70,46 @@ def doubts_of_motion(
             f"the stamps of paired poses are up to {np.abs(apart_s).max() * 1e3:.2g} ms apart, in which the reference "
             f"moves by {moved_m * 1e3:.2g} mm (rms), and the position error is {rmse_m * 1e3:.2g} mm: it is mostly "
             "this motion. Give --association evo-interpolated, which interpolates the longer file"
+        )
+
+
+class LeftOut(NamedTuple):
+    """How many poses of the estimate have no pair: outside the time of the reference, and within it."""
+
+    outside: int
+    within: int
+
+    @classmethod
+    def of(cls, reference: Trajectory, estimate: Trajectory, rows: Matches, options: Options) -> "LeftOut":
+        """Numbers of poses that no row of the reference is paired with."""
+        left = np.setdiff1d(np.arange(len(estimate)), rows.estimate)
+        ours = estimate.stamps_ns[left] + round(options.offset_s * NS)
+        margin_ns = round(options.max_difference_s * NS)
+        first, last = int(reference.stamps_ns[0]) - margin_ns, int(reference.stamps_ns[-1]) + margin_ns
+        outside = int(np.count_nonzero((ours < first) | (ours > last)))
+        return cls(outside, len(left) - outside)
+
+    def __str__(self) -> str:
+        parts = {"outside the time of the reference": self.outside, "without a pair": self.within}
+        return ", ".join(f"{count} {where}" for where, count in parts.items() if count)
+
+
+def doubts_of_left_out(left: LeftOut, estimate: Trajectory) -> Iterator[str]:
+    """A sentence where many poses of the estimate are outside the time of the reference, as of two runs in one file."""
+    if left.outside > MANY * len(estimate):
+        yield (
+            f"{left.outside} of {len(estimate)} poses of the estimate are outside the time of the reference and were "
+            "left out: does the file hold more than one run, or does the reference end early?"
+        )
+
+
+def doubts_of_rate(reference: Trajectory, frames_ns: NDArray[np.int64]) -> Iterator[str]:
+    """A sentence where a tracker had as many frames as the reference has poses, but at another rate."""
+    steps_ns = [usual_step_ns(each) for each in (reference.stamps_ns, frames_ns)]
+    if len(frames_ns) == len(reference) >= LEAST_POSES and max(steps_ns) > ANOTHER_RATE * min(steps_ns):
+        rates_hz = [NS / step_ns for step_ns in steps_ns]
+        yield (
+            f"the estimate is of as many frames as the reference has poses, {len(reference)}, but these are "
+            f"{rates_hz[0]:.3g} a second, and its frames {rates_hz[1]:.3g}: were its images tracked with another "
+            "--rate-hz than theirs? Poses are then paired with those of other images"
         )
