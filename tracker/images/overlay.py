@@ -1,4 +1,4 @@
-"""The overlay: the model at a tracker's estimate, drawn on the image."""
+"""The overlay: the model at a tracker's estimate, drawn on the image, and how much of it lies on edges there."""
 
 import cv2
 import numpy as np
@@ -8,12 +8,14 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.seen_edges import seen_edges_px
 from uavbench.tracker.protocol import Image, TrackResult
 from uavbench.tracker.visible_edges import to_image
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.pose import Array, Pose
 
 OK_COLOUR = (60, 220, 60)
 LOST_COLOUR = (40, 40, 230)
 PIECES = 16
 """Number of straight pieces that approximate an edge under lens distortion."""
+EDGE_GREY, EDGE_SIGMA_PX = (30, 80), 1.0
+"""Thresholds of Canny's edges in grey levels, and the blur before."""
 SHIFT = 4
 """Fractional bits of pixel coordinates in OpenCV's drawing functions."""
 
@@ -28,6 +30,18 @@ def draw_edges(image: Image, structure: Structure, camera: Camera, result: Track
         points = np.round(line * 2**SHIFT).astype(np.int32).reshape(-1, 1, 2)
         cv2.polylines(drawn, [points], False, OK_COLOUR, 1, cv2.LINE_AA, SHIFT)
     return drawn
+
+
+def share_on_edges(image: Image, structure: Structure, camera: Camera, cam_from_world: Pose) -> float:
+    """Share of the pixels of the drawn model edges that are within a pixel of an edge of the image; 0 without any."""
+    grey = np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    edges = cv2.Canny(cv2.GaussianBlur(grey, (0, 0), EDGE_SIGMA_PX), *EDGE_GREY)
+    near = cv2.dilate(edges, np.ones((3, 3), np.uint8)) > 0
+    drawn = np.zeros_like(grey)
+    for line in lines_in_image(seen_edges_px(structure, camera, cam_from_world), camera):
+        points = np.round(line * 2**SHIFT).astype(np.int32).reshape(-1, 1, 2)
+        cv2.polylines(drawn, [points], False, 255, 1, cv2.LINE_8, SHIFT)
+    return float(near[drawn > 0].mean()) if drawn.any() else 0.0
 
 
 def lines_in_image(segments_px: Array, camera: Camera) -> list[Array]:
