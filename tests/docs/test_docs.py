@@ -18,6 +18,8 @@ from uavbench.bench.external.program import External
 from uavbench.bench.external.rows import FAULTS
 from uavbench.bench.reference import config_values, plugins
 from uavbench.bench.sensitivity.variants import values_of
+from uavbench.bench.third_party.registry import THIRD_PARTY
+from uavbench.tracker.images.track_images import RATE_HZ
 from uavbench.tracker.robust.tracker import Robust
 
 
@@ -139,6 +141,12 @@ def test_the_table_of_an_external_tracker_is_complete():
     text = (ROOT / "docs" / "external-trackers.md").read_text(encoding="utf-8")
     section = text.split("## The table in a suite")[1].split("## The folder")[0]
     assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == set(External.__dataclass_fields__)
+
+
+def test_the_page_on_real_images_tells_the_default_rate_and_which_trackers_it_is_for():
+    text = (ROOT / "docs" / "real-images.md").read_text(encoding="utf-8")
+    assert f"`--rate-hz` is {RATE_HZ:g} unless given" in text
+    assert re.search(rf"Third-party ones\]\(third-party\.md\), as `({'|'.join(THIRD_PARTY)})`", text)
 
 
 def test_the_reference_names_every_plugin():
