@@ -94,5 +94,6 @@ def test_a_fit_where_landmarks_are_is_found_among_fewer_poses(tracked, log10_cha
     at = fit.cam_from_world
     landmarks = [Pose(at.rotation, at.translation + np.array([apart_m, 0.0, 0.0]))]
     state, predicted = tracked.run.state, tracked.frame.predicted
-    assert not state.holds(fit, predicted, searched=True, recent=False)
-    assert state.holds(fit, predicted, searched=True, recent=False, landmarks=landmarks) == held
+    far = replace(predicted, cam_from_world=Pose(at.rotation, at.translation + np.array([0.5, 0.0, 0.0])))
+    assert not state.holds(fit, far, searched=True, recent=False)
+    assert state.holds(fit, far, searched=True, recent=False, landmarks=landmarks) == held
