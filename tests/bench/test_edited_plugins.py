@@ -109,7 +109,8 @@ def local():
         start = start
     return Local
 Local = local()
-Elsewhere = make_dataclass("Elsewhere", [("gain", float, 1.0)], namespace={"start": start, "__module__": "types"})
+Elsewhere = make_dataclass("Elsewhere", [("gain", float, 1.0)], namespace={"start": start})
+Elsewhere.__module__ = "types"
 Other = make_dataclass("Another", [("gain", float, 1.0)], namespace={"start": start, "__module__": __name__})
 Made = make_dataclass("Made", [("gain", float, 1.0)], namespace={"start": start, "__module__": __name__})
 Typed = dataclass(type("Typed", (), {"__annotations__": {"gain": float}, "gain": 1.0, "start": start}))
