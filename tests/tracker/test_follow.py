@@ -81,3 +81,18 @@ def test_nothing_is_usual_of_a_first_frame_one_after_a_pause_or_a_loss_or_a_vehi
     for other in ({"known": 0}, {"step_ns": 3 * STEP_NS}, {"expected": known}):
         run, frame, _ = after(**other)
         assert run.follower.usual(frame) is None
+
+
+@pytest.mark.parametrize("given", [np.float32, np.asfortranarray, list], ids=["float32", "columns", "lists"])
+def test_a_predicted_covariance_may_be_of_any_numbers(given):
+    """A filter of one's own works in single precision, or keeps its matrices by columns."""
+    poses, images = flown(3, seed=11)
+    told = []
+    for covariance in (1e-8 * np.eye(6), given(1e-8 * np.eye(6))):
+        run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+        for i in range(2):
+            run.track(images[i], i * STEP_NS)
+        run.predict(poses[2], covariance)
+        told.append(run.track(images[2], 2 * STEP_NS))
+    assert told[0].status == told[1].status == "ok"
+    np.testing.assert_allclose(told[1].cam_from_world.matrix, told[0].cam_from_world.matrix, atol=1e-9)

@@ -68,7 +68,8 @@ class RobustRun:
         Its covariance is inflated, because it depends on earlier poses of this run, which must not count twice.
         """
         pose = Pose(np.ascontiguousarray(cam_from_world.rotation), np.ascontiguousarray(cam_from_world.translation))
-        self.expected = Motion(pose, self.config.motion.expected_scale**2 * np.asarray(covariance))
+        known = np.ascontiguousarray(covariance, dtype=np.float64)
+        self.expected = Motion(pose, self.config.motion.expected_scale**2 * known)
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate the pose of the next frame; `lost` also where the stamp goes back or the image is frozen.
