@@ -33,6 +33,10 @@ def started(tmp_path):
     """Starts `.ci/run` of a tree of such tools."""
     (tmp_path / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci" / "run")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        (tmp_path / name).touch()
+    for name in ("src", "bench", "scenes", "trajectories", "tracker", "reports"):
+        (tmp_path / name).mkdir()
     tools = tmp_path / ".venv" / "bin"
     tools.mkdir(parents=True)
     for tool in (tmp_path / "run", *(tools / name for name in ("python", "ruff", "mypy", "lint-imports"))):

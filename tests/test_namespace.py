@@ -1,6 +1,7 @@
 """One namespace: wheel, source archive and editable install work where every name of ours is taken by somebody else."""
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -28,13 +29,20 @@ def run(*command, folder, **environment):
 
 
 @pytest.fixture(scope="module")
-def archives(tmp_path_factory):
+def tree(tmp_path_factory):
+    """A copy of this tree: a build takes src/uavbench.egg-info away for a while, and fails the tests beside it."""
+    without = shutil.ignore_patterns(".*", "out", "__pycache__", "*.egg-info")
+    return shutil.copytree(ROOT, tmp_path_factory.mktemp("copy") / "tree", symlinks=True, ignore=without)
+
+
+@pytest.fixture(scope="module")
+def archives(tree, tmp_path_factory):
     """The wheel, and the source archive, of this tree; setuptools has nothing to warn of."""
     folder = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, ROOT]
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, tree]
     run(*command, folder=folder, PYTHONWARNINGS="error::UserWarning")
     (wheel,), (sdist,) = folder.glob("*.whl"), folder.glob("*.tar.gz")
-    return {"wheel": [wheel], "sdist": [sdist], "editable": ["-e", ROOT]}
+    return {"wheel": [wheel], "sdist": [sdist], "editable": ["-e", tree]}
 
 
 @pytest.fixture(scope="module", params=["wheel", pytest.param("sdist", marks=pytest.mark.ci), "editable"])
