@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
-from uavbench.tracker.robust import decision
+from uavbench.tracker.robust import found_edges
 from uavbench.tracker.robust.fit.learning import MIN_POINTS
 from uavbench.tracker.robust.found_edges import FoundEdges
 from uavbench.tracker.robust.tracker import Robust
@@ -45,6 +45,10 @@ def fitted(run, image):
     return frame, run.follower.fit(frame, StageClock())
 
 
+def has_slid(run, frame, fit):
+    return run.decider.found_edges.has_slid(fit, again=not run.decider.is_slow(frame))
+
+
 def without_patches(fit):
     none = fit.residuals.weighting._replace(patch_weight=np.zeros_like(fit.residuals.weighting.patch_weight))
     return replace(fit, residuals=fit.residuals._replace(weighting=none))
@@ -53,7 +57,7 @@ def without_patches(fit):
 def test_little_is_missing_of_a_frame_like_the_ones_before(run, flight):
     frame, fit = fitted(run, flight.images[KNOWN])
     assert run.decider.found_edges.missing(fit) < 0.05
-    assert not run.decider.has_slid(frame, without_patches(fit))
+    assert not has_slid(run, frame, without_patches(fit))
 
 
 def test_a_track_does_not_go_on_without_its_edges_and_without_patches(run, flight):
@@ -70,32 +74,32 @@ def test_a_track_does_not_go_on_without_its_edges_and_without_patches(run, fligh
 def test_patches_vouch_for_a_pose_of_which_edges_are_hidden(run, flight):
     frame, fit = fitted(run, hidden(flight.images[KNOWN]))
     assert np.count_nonzero(fit.residuals.weighting.patch_weight) >= MIN_POINTS
-    assert not run.decider.has_slid(frame, fit)
+    assert not has_slid(run, frame, fit)
     assert run.decider.decide(frame, fit, StageClock()).settled
 
 
 def test_after_a_long_interval_and_without_memory_nothing_is_missed(run, flight):
     frame, fit = fitted(run, hidden(flight.images[KNOWN]))
     fit = without_patches(fit)
-    assert run.decider.has_slid(frame, fit)
-    assert not run.decider.has_slid(frame._replace(extrapolated_s=run.config.slow_s), fit)
+    assert has_slid(run, frame, fit)
+    assert not has_slid(run, frame._replace(extrapolated_s=run.config.slow_s), fit)
     run.decider.found_edges.forget()
-    assert not run.decider.has_slid(frame, fit)
+    assert not has_slid(run, frame, fit)
 
 
 def test_a_track_that_slid_has_to_find_more_again(run, flight, monkeypatch):
     """Half-hidden edges: enough for a track that goes on, too few after a frame in which more were missing."""
     frame, fit = fitted(run, hidden(flight.images[KNOWN]))
     fit, missing = without_patches(fit), run.decider.found_edges.missing(fit)
-    monkeypatch.setattr(decision, "MOST_MISSING", 1.2 * missing)
-    monkeypatch.setattr(decision, "STILL_MISSING", 0.8 * missing)
-    assert not run.decider.has_slid(frame, fit)
-    monkeypatch.setattr(decision, "MOST_MISSING", 0.9 * missing)
-    assert run.decider.has_slid(frame, fit)
-    monkeypatch.setattr(decision, "MOST_MISSING", 1.2 * missing)
-    assert run.decider.has_slid(frame, fit)
-    assert not run.decider.has_slid(frame._replace(extrapolated_s=run.config.slow_s), fit)
-    assert not run.decider.has_slid(frame, fit), "poses that a search compared begin anew"
+    monkeypatch.setattr(found_edges, "MOST_MISSING", 1.2 * missing)
+    monkeypatch.setattr(found_edges, "STILL_MISSING", 0.8 * missing)
+    assert not has_slid(run, frame, fit)
+    monkeypatch.setattr(found_edges, "MOST_MISSING", 0.9 * missing)
+    assert has_slid(run, frame, fit)
+    monkeypatch.setattr(found_edges, "MOST_MISSING", 1.2 * missing)
+    assert has_slid(run, frame, fit)
+    assert not has_slid(run, frame._replace(extrapolated_s=run.config.slow_s), fit)
+    assert not has_slid(run, frame, fit), "poses that a search compared begin anew"
 
 
 def test_a_track_goes_on_by_the_next_frame_that_shows_its_edges(run, flight, monkeypatch):

@@ -11,7 +11,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory
 from uavbench.tracker.robust.fit.pose_fit import Fit
-from uavbench.tracker.robust.found_edges import MOST_MISSING, STILL_MISSING, FoundEdges
+from uavbench.tracker.robust.found_edges import FoundEdges
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
@@ -62,7 +62,7 @@ class Decider:
         self.relocator = Relocator(fitter, camera)
         self.doubts = Doubts(self.relocator)
         self.places = Places(fitter.edges, camera, config.relocalization.search.view_step_rad, fitter.rng)
-        self.slid = self.kept_initial = self.led = False
+        self.kept_initial = self.led = False
         self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
         self.until_search, self.searched_suspect = 0, False
         self.recalled = Recalled()
@@ -77,9 +77,9 @@ class Decider:
         best = self.without_patches(frame, found.fit, clock)
         given = best is tracked or (first and self.kept_initial)
         fit = best if given else self.freed(best)
-        recent, landmarks = not self.is_slow(frame), self.recalled.landmarks
-        held = self.state.holds(fit, frame.predicted, found.searched, recent, landmarks)
-        slid = found.settled and held and self.has_slid(frame, fit)
+        recent = not self.is_slow(frame)
+        held = self.state.holds(fit, frame.predicted, found.searched, recent, self.recalled.landmarks)
+        slid = found.settled and held and self.found_edges.has_slid(fit, again=recent and not first)
         settled = found.settled and held and not slid
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
@@ -156,19 +156,6 @@ class Decider:
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
         return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
-
-    def has_slid(self, frame: Frame, fit: Fit) -> bool:
-        """Whether a track's fit lacks many edges that were found just before, and hardly a patch is where it has to be.
-
-        After a long interval they may be hidden, and a search compares poses. A track that slid has to find more of
-        them again: edges of where it slid to come into view meanwhile, and are expected nowhere.
-        """
-        most, self.slid = STILL_MISSING if self.slid else MOST_MISSING, False
-        if self.state.is_first or self.is_slow(frame) or fit.residuals is None:
-            return False
-        patches = int(np.count_nonzero(fit.residuals.weighting.patch_weight))
-        self.slid = patches < MIN_POINTS and self.found_edges.missing(fit) > most
-        return self.slid
 
     def is_vouched_for(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, which may be wrong, and chance does not explain it."""

@@ -74,12 +74,25 @@ class FoundEdges:
     """
 
     def __init__(self, edges: int, rate: float) -> None:
-        self.part, self.rate = np.empty(edges), rate
+        self.part, self.rate, self.slid = np.empty(edges), rate, False
         self.forget()
 
     def forget(self) -> None:
         """Expect no edge."""
         self.part[:] = np.nan
+
+    def has_slid(self, fit: Fit, again: bool) -> bool:
+        """Whether a track's fit lacks many edges that were found just before, and hardly a patch is where it has to be.
+
+        again: whether the edges are to be found again; after a long interval they may be hidden, and a search compares
+        poses. A track that slid has to find more of them again: edges of where it slid to come into view meanwhile, and
+        are expected nowhere.
+        """
+        most, self.slid = STILL_MISSING if self.slid else MOST_MISSING, False
+        if again and fit.residuals is not None:
+            patches = int(np.count_nonzero(fit.residuals.weighting.patch_weight))
+            self.slid = patches < MIN_POINTS and self.missing(fit) > most
+        return self.slid
 
     def missing(self, fit: Fit) -> float:
         """Share of the expected control points that a fit did not find; 0 where few are expected, or it has none."""
