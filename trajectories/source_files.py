@@ -175,6 +175,11 @@ def imports(path: Path, name: str, *, on_demand: bool = True) -> tuple[str, ...]
     return _imports(path, stamp(path), name, on_demand)
 
 
+def imports_in(code: str) -> tuple[str, ...]:
+    """Names of all modules that a Python program may import; none where the text is no Python."""
+    return _imports_in(_tree(code.encode(errors="replace")), [], on_demand=True)
+
+
 def texts(path: Path) -> frozenset[str]:
     """All string literals of a source file; `*` stands for each value of an f-string."""
     return _texts(path, stamp(path))

@@ -10,7 +10,7 @@ from pathlib import Path
 from uavbench.bench.inputs.elsewhere import WORD, of_system, whole_paths
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.bench.inputs.named_files import folders_of, is_python, named_files
-from uavbench.trajectories.source_files import among, made_of, parsed
+from uavbench.trajectories.source_files import among, imports_in, made_of, parsed
 
 PYTHONS = ("python", "pypy")
 """Prefixes of the names of Python interpreters."""
@@ -21,13 +21,13 @@ LISTS = ("*.dist-info/METADATA", "*.egg-info/PKG-INFO", "*.egg-info")
 """Patterns of the files by which an environment records its distributions and their versions."""
 
 
-def command_files(command: Sequence[str]) -> tuple[Path, ...]:
-    """Files whose change may change the behaviour of a command.
+def command_files(command: Sequence[str], here: Sequence[Path] = ()) -> tuple[Path, ...]:
+    """Files whose change may change the behaviour of a command; here: folders from which its Python imports, too.
 
     These are the `run_files`; the files named in their scripts, in any language, and the libraries that a user's
     program is linked with (`named_files`); and, for a Python interpreter, the metadata of installed distributions.
     """
-    found = _named(command)
+    found = _named(command, here)
     pythons = _pythons(command, found)
     lists = [path for at in pythons for site in sites_of(at) for name in LISTS for path in site.glob(name)]
     settings = [path.parent.parent / "pyvenv.cfg" for path in pythons]
@@ -40,9 +40,10 @@ def editable_folders(command: Sequence[str]) -> list[Path]:
     return list(dict.fromkeys(place for path in pythons for site in sites_of(path) for place in in_place(site)))
 
 
-def _named(command: Sequence[str]) -> set[Path]:
+def _named(command: Sequence[str], here: Sequence[Path] = ()) -> set[Path]:
     """The `run_files` of a command, the files whose whole paths it holds, and all files that these name."""
-    return named_files(run_files(command), among([*_search(programs(command)), *_folders(command)]))
+    find = among([*here, *_search(programs(command)), *_folders(command)])
+    return named_files(run_files(command, here), find)
 
 
 def _pythons(command: Sequence[str], named: set[Path]) -> list[Path]:
@@ -56,13 +57,13 @@ def programs(command: Sequence[str]) -> list[Path]:
     return [Path(found).absolute() for word in words if (found := shutil.which(word))]
 
 
-def run_files(command: Sequence[str]) -> tuple[Path, ...]:
+def run_files(command: Sequence[str], here: Sequence[Path] = ()) -> tuple[Path, ...]:
     """Files that a command runs or gets as arguments: those that an isolated program must be able to read.
 
     These are the program; the files on the command line, also within a word and in a folder that it names, as in
-    `sh -c "cd /a && exec python3 b.py"`; and what the Python scripts among them import from their own folder, from
-    PYTHONPATH, from a folder that the command names or from editable installs. Files that a script merely names are not
-    included.
+    `sh -c "cd /a && exec python3 b.py"`; and what the Python scripts among them, `-m` and the text of `-c` import from
+    their own folder, from `here`, from PYTHONPATH, from a folder that the command names or from editable installs.
+    Files that a script merely names are not included.
     """
     program, folders = programs(command), _folders(command)
     words = [Path(part) for word in command for part in {word, word.partition("=")[2]}]
@@ -72,7 +73,8 @@ def run_files(command: Sequence[str]) -> tuple[Path, ...]:
     files = [*program, *filter(is_file, given)]
     scripts = [path for path in files if is_python(path)]
     modules = [f"{name}{end}" for word, name in pairwise(command) if word == "-m" for end in ("", ".__main__")]
-    made = made_of(modules, scripts, among([*folders_of(*scripts), *folders, *_search(program)]))
+    modules += [name for word, code in pairwise(command) if word == "-c" for name in imports_in(code)]
+    made = made_of(modules, scripts, among([*folders_of(*scripts), *here, *folders, *_search(program)]))
     return tuple(sorted({*files, *made.files}))
 
 

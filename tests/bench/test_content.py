@@ -234,6 +234,7 @@ def test_a_program_on_path_counts_by_its_content(tmp_path, monkeypatch):
         (["python3", "run.py"], "weights.npy"),
         (["python3", "-m", "module"], "on_path/module.py"),
         (["python3", "-m", "inside"], "on_path/inside/__main__.py"),
+        (["python3", "-c", "import module; module.run()"], "on_path/module.py"),
         (["./run"], "helper.py"),
         (["true", "net.bin"], "net.bin"),
         (["true", "--weights=ABOVE/net.bin"], "net.bin"),
