@@ -22,6 +22,8 @@ known_imports: dict[str, tuple[str, ...]] = {}
 
 _digested: dict[Path, tuple[int, ...]] = {}
 """Every file of which a digest was asked, with its stamp at that time."""
+_asking: list[set[Path]] = []
+"""Files of which a digest was asked since, for each context that collects them."""
 _told_apart: dict[Path, set[Path]] = {}
 """Files whose digests are told apart, with the set of those that were asked for since."""
 
@@ -76,6 +78,7 @@ def digest(files: Iterable[Path]) -> str:
 
 def file_digest(path: Path) -> str:
     """sha256 of a file's content, read again only when the file has changed; OSError when it cannot be read."""
+    ask((path,))
     now = stamp(path)
     _digested[path] = now
     found = _digest(path, now)
@@ -102,6 +105,22 @@ def told_apart(paths: Iterable[Path]) -> Iterator[set[Path]]:
         yield asked
     finally:
         _told_apart.clear()
+
+
+@contextmanager
+def asked_for() -> Iterator[set[Path]]:
+    """Context that collects the files of which a digest is asked in it."""
+    _asking.append(set())
+    try:
+        yield _asking[-1]
+    finally:
+        _asking.pop()
+
+
+def ask(paths: Iterable[Path]) -> None:
+    """Count files as asked for, whose digests are known from before."""
+    for asked in _asking:
+        asked.update(paths)
 
 
 def stamp(path: Path) -> tuple[int, ...]:

@@ -91,11 +91,13 @@ def _refuse_replaced(jobs: Iterable[Job], truth: Path) -> None:
     No package was written of one that is disowned.
     """
     for job in jobs:
-        if not job.place.is_disowned and carried_hash(job.marker) not in (None, job.content_hash):
+        is_of_another = carried_hash(job.marker) not in (None, job.content_hash)
+        if not job.place.is_disowned and (is_of_another or (job.made.is_whole and not job.fresh)):
             raise UserError(
-                f"{truth}: its {job.marker.parent.name} was rendered by another version of uavbench, a library or "
-                "a plug-in; rendered again, the submissions to its package would be scored against another ground "
-                "truth; pack with those versions, or name another folder with --truth, for a new package"
+                f"{truth}: its {job.marker.parent.name} was rendered by another version of uavbench, a library, a "
+                "plug-in or a file that one reads; rendered again, the submissions to its package would be scored "
+                "against another ground truth; pack with those versions, or name another folder with --truth, for a "
+                "new package"
             )
 
 

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
 from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
+from uavbench.bench.inputs.observed.looks import watch
 from uavbench.bench.inputs.plugin_files import declared, loaded
 from uavbench.bench.inputs.plugin_kernels import edited_since_import, keep_by_content
 from uavbench.tracker.faults import named, users_place
@@ -152,6 +153,7 @@ def import_plugin(name: str) -> type:
     module, _, attribute = name.partition(":")
     before = frozenset(sys.modules)
     keep_by_content()
+    watch()
     try:
         cls = getattr(importlib.import_module(module), attribute)
     except Exception as error:  # a module may raise anything

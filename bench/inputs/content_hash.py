@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import Field, fields, is_dataclass
 from functools import cache
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from uavbench.bench.inputs.process_environment import process_environment
 from uavbench.tracker.run import plain
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
-from uavbench.trajectories.source_files import file_digest
+from uavbench.trajectories.source_files import ask, asked_for, file_digest
 
 PACKAGES = {"uavbench"}
 INPUT_FILES = "input_files"
@@ -28,6 +28,20 @@ PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parents[2]
 WORK = ROOT / "bench" / "runner" / "tasks.py"
 """Packages that every job uses."""
+
+
+class Key(NamedTuple):
+    """A content hash, and the files whose content it holds."""
+
+    content_hash: str
+    files: frozenset[Path]
+
+
+def key_of(*parts: Any) -> Key:
+    """The content hash of values with its files."""
+    with asked_for() as files:
+        found = content_hash(*parts)
+    return Key(found, frozenset(files))
 
 
 def content_hash(*parts: Any) -> str:
@@ -61,8 +75,8 @@ def one_look() -> Iterator[None]:
         _looked.pop()
 
 
-_looked: list[dict[int, tuple[Any, Any]]] = []
-"""id of a plug-in -> the plug-in, which is thus kept alive, and its canonical form; likewise of the environment."""
+_looked: list[dict[int, tuple[Any, Any, set[Path]]]] = []
+"""id of a plug-in -> the plug-in, which is thus kept alive, its canonical form and its files; so of the environment."""
 
 
 def _looked_at(value: Any, form: Callable[[], Any]) -> Any:
@@ -70,8 +84,12 @@ def _looked_at(value: Any, form: Callable[[], Any]) -> Any:
     if not _looked:
         return form()
     if id(value) not in _looked[-1]:
-        _looked[-1][id(value)] = (value, form())
-    return _looked[-1][id(value)][1]
+        with asked_for() as files:
+            found = form()
+        _looked[-1][id(value)] = (value, found, files)
+    _, found, files = _looked[-1][id(value)]
+    ask(files)
+    return found
 
 
 def _of_plugin(value: Any) -> dict[str, Any]:

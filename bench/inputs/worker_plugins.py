@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.bench.inputs import plugin_files
+from uavbench.bench.inputs.observed.looks import watch
 from uavbench.bench.inputs.plugin_kernels import keep_by_content
 
 
@@ -14,7 +15,8 @@ from uavbench.bench.inputs.plugin_kernels import keep_by_content
 class Plugins:
     """Modules of the user's plug-ins, and the files that suites name as their `input_files`.
 
-    From its unpickling on, kernels are cached by content, also those that are compiled while a plug-in is unpickled.
+    From its unpickling on, kernels are cached by content, also those that are compiled while a plug-in is unpickled,
+    and the looks of plug-ins at files are noted.
     """
 
     modules: tuple[str, ...] = ()
@@ -39,5 +41,7 @@ class Plugins:
 def _arrived(modules: tuple[str, ...], files: tuple[Path, ...]) -> Plugins:
     """The plug-ins of another process, in this one."""
     keep_by_content()
+    if modules:
+        watch()
     plugin_files.declared.update(files)
     return Plugins(modules, files)

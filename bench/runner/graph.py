@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -16,6 +17,7 @@ import cv2
 from tqdm import tqdm
 
 from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.inputs.observed.seen_inputs import seen_inputs
 from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.processes import end_children_at_exit, end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Made, Place, expect_whole
@@ -48,8 +50,8 @@ class Job:
 
     verb, name: shown to the user; marker: JSON file that holds the content hash once the output is complete; root: the
     suite's folder, by default the marker's; lists: the list of the marker's folder, if that belongs to this
-    job alone; without: maps the reasons of failed jobs by name to a substitute task when needs failed; if it is
-    None or returns None, this job fails too.
+    job alone; keyed: files whose content the hash holds; without: maps the reasons of failed jobs by name to a
+    substitute task when needs failed; if it is None or returns None, this job fails too.
     """
 
     verb: str
@@ -61,6 +63,7 @@ class Job:
     weight: float = 1.0
     root: Path | None = None
     lists: Marker | None = None
+    keyed: frozenset[Path] = frozenset()
     without: Callable[[Mapping[str, str]], Work | None] | None = None
 
     @property
@@ -76,7 +79,7 @@ class Job:
     @property
     def fresh(self) -> bool:
         """Whether the output is unchanged since it was written, and was made from the current inputs."""
-        return self.made.is_whole
+        return self.made.is_fresh
 
 
 @dataclass
@@ -140,15 +143,23 @@ class JobCost(NamedTuple):
     peak_mb: float
 
 
-def run_job(plugins: Plugins, name: str, work: Work, made: Made, needs: tuple[Made, ...] = ()) -> JobCost:
+def run_job(
+    plugins: Plugins,
+    name: str,
+    work: Work,
+    made: Made,
+    needs: tuple[Made, ...] = (),
+    keyed: frozenset[Path] = frozenset(),
+) -> JobCost:
     """Run one job in a worker and return its cost.
 
     A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost. plugins: the
     user's, the first argument and imported first, since they may change what the module of a class defines. needs: the
-    outputs that it reads; one that another process replaces meanwhile makes it fail.
+    outputs that it reads; one that another process replaces meanwhile makes it fail. keyed: files that its hash holds;
+    what it reads beyond them goes into its record.
     """
     begin = time.perf_counter()
-    if made.is_whole:
+    if made.is_fresh:
         return JobCost(0.0, 0.0)
 
     def on_step(done: int, total: int) -> None:
@@ -157,7 +168,7 @@ def run_job(plugins: Plugins, name: str, work: Work, made: Made, needs: tuple[Ma
 
     try:
         plugins.enter()
-        with made.place.writing(made.content_hash):
+        with made.place.writing(made.content_hash, partial(seen_inputs, keyed)):
             expect_whole(needs)
             work(made.content_hash, on_step)
             expect_whole(needs)
@@ -187,6 +198,9 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     outcome = Outcome(fresh=fresh_jobs(jobs))
     fresh = {id(job) for job in outcome.fresh}
     todo = [job for job in jobs if id(job) not in fresh]
+    for job in todo:
+        if job.made.is_whole:  # its worker would take it for done: what it needs is made anew, maybe with the same key
+            job.place.disown()
     awaited = {id(job): sum(id(need) not in fresh for need in job.needs) for job in todo}
     dependents: dict[int, list[Job]] = {}
     for job in todo:
@@ -200,7 +214,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
 
     def start(job: Job) -> None:
         needs = tuple(need.made for need in job.needs if need.name not in outcome.failed)
-        future = executor.submit(run_job, plugins, job.name, job.work, job.made, needs)
+        future = executor.submit(run_job, plugins, job.name, job.work, job.made, needs, job.keyed)
         running[future] = job
         future.add_done_callback(settled.put)
 

@@ -21,7 +21,7 @@ from uavbench.bench.config.loops import without_loop
 from uavbench.bench.config.suite import Protocol, Suite
 from uavbench.bench.filming.files import MARKER as VIDEO_MARKER
 from uavbench.bench.filming.files import VIDEO
-from uavbench.bench.inputs.content_hash import code_hash, content_hash, one_look
+from uavbench.bench.inputs.content_hash import code_hash, content_hash, key_of, one_look
 from uavbench.bench.runner.graph import Job
 from uavbench.bench.runner.tasks import (
     Figures,
@@ -99,6 +99,7 @@ def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
     packages = ("trajectories", "scenes", *(["tracker"] if isinstance(spec, RecordingSpec) else []))
     every = getattr(spec, "crlb_every", 0)
+    key = key_of(spec, code_hash(*packages))
     return Job(
         verb="render",
         name=f"render {spec.name}",
@@ -106,7 +107,8 @@ def _render_job(spec: Spec, folder: Path) -> Job:
         marker=output / "sequence.json",
         root=folder,
         lists=RECORDED if isinstance(spec, RecordingSpec) else RENDERED,
-        content_hash=content_hash(spec, code_hash(*packages)),
+        content_hash=key.content_hash,
+        keyed=key.files,
         weight=START_S + RENDER_S * images(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
     )
 
@@ -122,6 +124,7 @@ def _track_job(
 ) -> Job:
     run = f"{label}@{rate_hz:g}hz"
     output = folder / "results" / spec.name / run
+    key = key_of(label, tracker, rate_hz, spec.seed, start, render.content_hash, code_hash("tracker"))
     return Job(
         verb="track",
         name=f"track {spec.name} {run}",
@@ -129,7 +132,8 @@ def _track_job(
         marker=output / MARKER.name,
         root=folder,
         lists=MARKER,
-        content_hash=content_hash(label, tracker, rate_hz, spec.seed, start, render.content_hash, code_hash("tracker")),
+        content_hash=key.content_hash,
+        keyed=key.files,
         needs=(render,),
         weight=TRACK_S * frames(spec) * rate_hz / spec.rate_hz,
     )
@@ -234,6 +238,7 @@ def plans_of_scores(suite: Suite, folder: Path) -> list[list[Job]]:
 def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
     output = folder / "flights" / spec.name / pilot.run
     code = code_hash("trajectories", "scenes", "tracker", "bench/closed_loop", "reports/closed_loop")
+    key = key_of(spec, pilot, code)
     return Job(
         verb="fly",
         name=f"fly {spec.name} {pilot.run}",
@@ -241,7 +246,8 @@ def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
         marker=output / FLIGHT_MARKER.name,
         root=folder,
         lists=FLIGHT_MARKER,
-        content_hash=content_hash(spec, pilot, code),
+        content_hash=key.content_hash,
+        keyed=key.files,
         weight=START_S + (RENDER_S + TRACK_S) * frames(spec) * pilot.rate_hz / spec.rate_hz,
     )
 
@@ -258,6 +264,7 @@ def _video_job(flight: Job, folder: Path) -> Job:
         root=folder,
         lists=VIDEO_MARKER,
         content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop", "bench/filming")),
+        keyed=flight.keyed,
         needs=(flight,),
         weight=START_S + VIDEO_S * flight.weight,
     )

@@ -1,4 +1,6 @@
-"""Records of written files: `made/` in a suite's folder holds the size, times and digest of every file.
+"""Records of jobs: `made/` in a suite's folder holds the size, times and digest of every file that a job wrote.
+
+They also hold the inputs that the job was seen to use beyond its key.
 
 A job counts as done only while all of its files are unchanged. The record is written before the work begins, without a
 content hash, so that a killed job never counts as done; it keeps the names, so that damaged output can be replaced.
@@ -8,17 +10,21 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from uavbench.bench.inputs.content_hash import carried_hash
+from uavbench.bench.inputs.observed.seen_inputs import SeenInputs
 from uavbench.reports.run_folder import RECORDS
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.listed import Marker, tree
 from uavbench.trajectories.files.origin import owning, refuse_foreign
 from uavbench.trajectories.files.writing import noting, write_text
+
+Seen = Callable[[Path, int], SeenInputs]
+"""Inputs that a job was seen to use, by the suite's folder and the time in ns when it began."""
 
 
 @dataclass(frozen=True)
@@ -54,24 +60,31 @@ class Stamp:
 
 @dataclass(frozen=True)
 class Record:
-    """Files that a job wrote, by their names in the suite's folder; content_hash is "" until the job is done."""
+    """Files that a job wrote, by their names in the suite's folder; content_hash is "" until the job is done.
+
+    inputs: what the job was seen to use that the hash does not hold.
+    """
 
     content_hash: str = ""
     files: Mapping[str, Stamp] = field(default_factory=dict)
+    inputs: SeenInputs = field(default_factory=SeenInputs)
 
     @classmethod
     def read(cls, path: Path) -> "Record":
         """Read a record; an empty one when the file is missing or incomplete."""
         try:
             about = json.loads(path.read_text(encoding="utf-8"))
-            return cls(str(about["content_hash"]), {name: Stamp(*stamp) for name, stamp in about["files"].items()})
+            files = {name: Stamp(*stamp) for name, stamp in about["files"].items()}
+            inputs = SeenInputs.read(about["inputs"]) if "inputs" in about else SeenInputs()
+            return cls(str(about["content_hash"]), files, inputs)
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return cls()
 
     def write(self, path: Path) -> None:
         """Write the record, completely or not at all."""
         files = {name: (stamp.size, stamp.mtime_ns, stamp.ctime_ns, stamp.sha256) for name, stamp in self.files.items()}
-        text = json.dumps({"content_hash": self.content_hash, "files": files}, indent=1)
+        more = {} if self.inputs == SeenInputs() else {"inputs": asdict(self.inputs)}
+        text = json.dumps({"content_hash": self.content_hash, "files": files, **more}, indent=1)
         write_text(path, f"{text}\n", kind="record of a job")
 
 
@@ -92,27 +105,32 @@ class Place:
         return self._record_of(self.marker.relative_to(self.root).as_posix())
 
     def is_whole(self, content_hash: str) -> bool:
-        """Whether all files made for this hash exist unchanged.
+        """Whether all files made for this hash exist unchanged."""
+        return self.whole(content_hash) is not None
+
+    def whole(self, content_hash: str) -> Record | None:
+        """The record, if all files made for this hash exist unchanged.
 
         If only times differ, as after copying, the record is updated, so that the contents are compared only once.
         """
         record = Record.read(self.record)
         if record.content_hash != content_hash or not record.files:
-            return False
+            return None
         now = {name: stamp.now(self.root / name) for name, stamp in record.files.items()}
         whole = {name: stamp for name, stamp in now.items() if stamp is not None}
         if len(whole) < len(now):
-            return False
+            return None
         if whole != record.files:
             with suppress(OSError, UserError):  # a read-only folder
-                Record(content_hash, whole).write(self.record)
-        return True
+                replace(record, files=whole).write(self.record)
+        return record
 
     @contextmanager
-    def writing(self, content_hash: str) -> Iterator[None]:
-        """Context that records the files written in it."""
+    def writing(self, content_hash: str, inputs: Seen = lambda *_: SeenInputs()) -> Iterator[None]:
+        """Context that records the files written in it; inputs: called at its end with the folder and when it began."""
         before = Record.read(self.record)
         Record("", before.files).write(self.record)
+        begin_ns = self.record.stat().st_ctime_ns  # by the clock of the files
         with owning(self._known(before)), noting() as written:
             try:
                 yield
@@ -120,7 +138,8 @@ class Place:
                 if written:
                     Record("", {**before.files, **self._stamps(written)}).write(self.record)
                 raise
-        Record(content_hash, self._stamps({*written, self.marker.absolute()})).write(self.record)
+        stamps = self._stamps({*written, self.marker.absolute()})
+        Record(content_hash, stamps, inputs(self.root, begin_ns)).write(self.record)
 
     def disown(self) -> None:
         """Make the output stale; the files stay, and are known to be uavbench's."""
@@ -178,6 +197,14 @@ class Made:
     def is_whole(self) -> bool:
         """Whether it was made for this hash and is unchanged since it was written."""
         return carried_hash(self.place.marker) == self.content_hash and self.place.is_whole(self.content_hash)
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether it is whole, and the inputs that its job was seen to use beyond the hash are as they were."""
+        if carried_hash(self.place.marker) != self.content_hash:
+            return False
+        record = self.place.whole(self.content_hash)
+        return record is not None and record.inputs.are_unchanged(self.place.root)
 
 
 def expect_whole(needs: Iterable[Made]) -> None:

@@ -191,6 +191,13 @@ def test_the_truth_of_a_package_is_not_replaced_by_another_version(challenge, tm
         done = packed(suite, tmp_path / "again", "--truth", kept, "--private-suite")
     assert done.exit_code == 2 and "rendered by another version" in done.output and f"{kept}: " in done.output
     assert {name: (kept / "sequences" / name).read_bytes() for name in before} == before
+    record = next(iter(sorted((kept / "made" / "sequences").glob("*/sequence.json"))))
+    text = record.read_text()
+    seen = {"files": {"/read/by/a/plug-in": "of another content"}, "lists": [], "own": []}
+    record.write_text(json.dumps({**json.loads(text), "inputs": seen}))
+    done = packed(suite, tmp_path / "again", "--truth", kept, "--private-suite")
+    assert done.exit_code == 2 and "a file that one reads" in done.output
+    record.write_text(text)
     lost = next(iter(sorted((kept / "sequences").glob("*/frames/000000.png"))))
     lost.unlink()
     assert packed(suite, tmp_path / "again", "--truth", kept, "--private-suite").exit_code == 0

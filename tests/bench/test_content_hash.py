@@ -13,7 +13,15 @@ import pytest
 from uavbench.bench.external.program import External
 from uavbench.bench.inputs import content_hash as content
 from uavbench.bench.inputs import plugin_files
-from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, file_form, one_look, sources_hash
+from uavbench.bench.inputs.content_hash import (
+    carried_hash,
+    code_hash,
+    content_hash,
+    file_form,
+    key_of,
+    one_look,
+    sources_hash,
+)
 from uavbench.bench.inputs.touched_files import Touched, touched_since
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.errors import UserError
@@ -293,3 +301,13 @@ def test_a_file_carries_its_hash(tmp_path):
         assert carried_hash(path) is None, damaged
     path.write_bytes(b"\xff\xfe")
     assert carried_hash(path) is None
+
+
+def test_the_files_of_a_key_are_told_with_each_hash_of_a_look(tmp_path):
+    (tmp_path / "net.bin").write_text("1")
+    value = WithFile(file=str(tmp_path / "net.bin"))
+    with one_look():
+        first, second = key_of(value), key_of("label", value)
+    assert first.content_hash == content_hash(value) != second.content_hash
+    assert tmp_path / "net.bin" in first.files & second.files
+    assert tmp_path / "net.bin" not in key_of("label").files
