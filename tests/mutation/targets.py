@@ -149,7 +149,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"bench/inputs/{name}.py", "bench/test_named_files", "bench/test_content")
             for name in ("command_files", "elsewhere", "named_files", "plugin_files")
         ),
-        *(_target(f"bench/inputs/observed/{name}.py", "bench/test_seen_inputs") for name in ("looks", "seen_inputs")),
+        *(
+            _target(f"bench/inputs/observed/{name}.py", "bench/test_seen_inputs", "bench/test_odd_looks")
+            for name in ("looks", "seen_inputs")
+        ),
         _target("bench/inputs/content_hash.py", "bench/test_content_hash", "bench/test_content"),
         _target("bench/inputs/file_paths.py", "bench/test_file_paths", "bench/test_content"),
         _target("trajectories/source_files.py", "trajectories/test_source_files", "bench/test_content"),

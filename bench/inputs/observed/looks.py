@@ -10,7 +10,6 @@ import os
 import stat
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -99,7 +98,7 @@ def forget(files: Iterable[str]) -> None:
     for looks in list(by_source.values()):
         looks.opened.clear()
         for path in looks.files.keys() & files:
-            del looks.files[path]
+            looks.files.pop(path, None)  # another thread may have done so
     by_source.pop(OF_A_THREAD, None)
 
 
@@ -115,14 +114,16 @@ def stamp_of(path: str) -> Stamp | None:
 
 
 def _note(event: str, arguments: tuple[Any, ...]) -> None:
-    look = _LOOKS.get(event)
-    if look is None:
-        return
-    caller = sys._getframe(1)
-    source = _source_on(caller)
-    if source is not None:
-        with suppress(TypeError, ValueError, OSError):  # what the call itself raises, in its own words
+    try:
+        look = _LOOKS.get(event)
+        if look is None:
+            return
+        caller = sys._getframe(1)
+        source = _source_on(caller)
+        if source is not None:
             look(by_source.setdefault(source, Looks()), caller, *arguments)
+    except Exception:  # the call itself raises, in its own words; and as Python ends, no name is left here
+        return
 
 
 def _source_on(frame: FrameType | None) -> str | None:
@@ -146,8 +147,11 @@ def _owner(name: str) -> str | None:
 
 
 def _whole(path: Any) -> str:
-    """Whole path of a file name; TypeError for an open file's number."""
-    return os.path.abspath(os.fsdecode(path))  # noqa: PTH100, links count as they are named
+    """Whole path of a file name; TypeError for an open file's number, ValueError for what can be no name."""
+    name = os.fsdecode(path)
+    if "\0" in name:
+        raise ValueError("null character")
+    return os.path.abspath(name)  # noqa: PTH100, links count as they are named
 
 
 def _opened(looks: Looks, _: FrameType, path: Any, __: Any, flags: int) -> None:
@@ -215,7 +219,7 @@ def _globbed_below(looks: Looks, caller: FrameType, folder: Any, pattern: Any) -
 def _globbed_by_text(looks: Looks, _: FrameType, text: Any, __: Any, root: Any, *___: Any) -> None:
     parts = Path(_whole(os.curdir if root is None else root), os.fsdecode(text)).parts
     first = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
-    looks.lists.add((str(Path(*parts[:first])), str(Path(*parts[first:]))))
+    looks.lists.add((_whole(Path(*parts[:first])), str(Path(*parts[first:]))))
 
 
 def _started(looks: Looks, _: FrameType, program: Any, words: Any, folder: Any, environment: Any) -> None:
