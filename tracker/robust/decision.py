@@ -16,6 +16,7 @@ from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
 from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
+from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
@@ -61,18 +62,18 @@ class Decider:
         self.fitter, self.state, self.config = fitter, state, config
         self.relocator = Relocator(fitter, camera)
         self.doubts = Doubts(self.relocator)
+        self.look_alikes = LookAlikes(self.doubts)
         self.places = Places(fitter.edges, camera, config.relocalization.search.view_step_rad, fitter.rng)
         self.kept_initial = self.led = False
         self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
-        self.until_search, self.searched_suspect = 0, False
-        self.recalled = Recalled()
+        self.until_search, self.searched_suspect, self.recalled = 0, False, Recalled()
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
 
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
         first = self.state.is_first
-        found = self.initialized_or_recovered(frame, tracked, clock)
+        found = self.told_apart(frame, self.initialized_or_recovered(frame, tracked, clock), clock)
         patches = self.fitter.texture
         best = self.without_patches(frame, found.fit, clock)
         given = best is tracked or (first and self.kept_initial)
@@ -84,7 +85,8 @@ class Decider:
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
         self.led &= not settled
-        if settled and first and not (self.kept_initial or self.is_vouched_for(fit)):
+        vouched = self.kept_initial or (self.is_as_given(fit) and not is_by_chance(fit, 1))  # it may be wrong
+        if settled and first and not vouched:
             self.doubts.begin(fit)
         anew = self.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
@@ -97,11 +99,23 @@ class Decider:
         self.before = None if self.doubts.settled else self.before
         return Decision(fit, True, is_open=self.is_open(fit))
 
-    def give_up_doubted(self, before: Photometry) -> Photometry:
-        """Return from a doubted pose, if there is one, to what was known before, or to the initial pose.
+    def told_apart(self, frame: Frame, found: Decision, clock: StageClock) -> Decision:
+        """After a loss, the likeliest pose of those at which the structure looks as at the one found."""
+        state, fit = self.state, found.fit
+        known = fit.finite and self.doubts.settled and (found.settled or found.rivalled)
+        if state.is_first or not (state.is_lost and known):
+            return found
+        with clock.stage("relocalize"):
+            seen = self.places.between_edges(self.relocator.reader, self.fitter.work)
+            lost = Lost(frame.image, state.reach(frame.dt_s), state.range_m, frame.likely, seen)
+            told = self.look_alikes.compared(lost, fit)
+        if told is None:
+            return found
+        searched = found.searched or told.fit is not fit
+        return Decision(told.fit, told.leads, not told.leads, searched, contenders=told.contenders)
 
-        Returns the photometry from then, or the given one.
-        """
+    def give_up_doubted(self, before: Photometry) -> Photometry:
+        """Return from a doubted pose to what was known before, or the initial pose, and to the photometry from then."""
         if self.doubts.settled:
             return before
         self.doubts.end()
@@ -156,10 +170,6 @@ class Decider:
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
         return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
-
-    def is_vouched_for(self, fit: Fit) -> bool:
-        """Whether a fit is at the initial pose, which may be wrong, and chance does not explain it."""
-        return self.is_as_given(fit) and not is_by_chance(fit, 1)
 
     def is_as_given(self, fit: Fit) -> bool:
         """Whether a fit is at the initial pose, while no other was accepted."""
@@ -282,9 +292,10 @@ class Decider:
             self.relocator.forget()
         sure = np.inf if first else self.state.usual_or_good()
         self.recalled, work = self.recall(frame, fit), self.fitter.work
-        # For a fit where the run may begin again; where a pose is doubted, for those without memory around it.
+        # For a fit where the run may begin again; for those without memory around a doubted pose, or at look-alikes.
         doubted = not (self.doubts.settled or self.config.budget.is_least(frame.step_s))
-        reserve = self.fitter.cost(1) if self.led else work.left // 2 if doubted else 0
+        awaited = work.left if doubted else self.look_alikes.taken()
+        reserve = self.fitter.cost(1) if self.led else min(awaited, work.left // 2)
         work.allowed -= reserve
         sought = Sought(
             frame.image,

@@ -69,6 +69,12 @@ class TrackState:
         lost_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         return (self.spread(Likely(predicted, scale=self.prediction_errors.scale), lost_s),)
 
+    def reach(self, dt_s: float) -> tuple[Motion, ...]:
+        """Where the camera may be, dt_s after the last frame that was ok, whatever frames since then suggested."""
+        predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
+        predicted = self.spread(Likely(predicted), dt_s).predicted
+        return predicted, replace(predicted, cam_from_world=self.motion.cam_from_world)
+
     def spread(self, likely: Likely, after_s: float) -> Likely:
         """A prediction so long after its last pose, with what a forgotten velocity leaves unknown."""
         unknown_s = after_s - self.config.motion.memory_s

@@ -41,7 +41,8 @@ corners are sought."""
 class Place:
     """A pose with its range (m), grey image (h, w) and small image (n,).
 
-    landmarks: None until they are needed; surface: of the structure, None until it is read, and if it shows too little.
+    landmarks: None until they are needed; surface: of the structure, None until it is read, and if it shows too little;
+    between_edges: the part of it that is seen away from all edges.
     """
 
     pose: Pose
@@ -50,6 +51,7 @@ class Place:
     small: Array
     landmarks: Landmarks | None = None
     surface: Surface | None = None
+    between_edges: Surface | None = None
     is_read: bool = False
 
 
@@ -110,7 +112,13 @@ class Places:
             if not place.is_read and work.done + cost <= until:
                 work.done += cost
                 place.surface, place.is_read = reader.surface(place.image, place.pose), True
+                place.between_edges = place.surface and reader.between_edges(place.surface)
         return [place.surface for place in known if place.surface is not None]
+
+    def between_edges(self, reader: SurfaceReader, work: Work) -> list[Surface]:
+        """What the run saw of the structure's surface away from its edges."""
+        self.surfaces(reader, work)
+        return [place.between_edges for place in self.places if place.between_edges is not None]
 
     def recalled(self, image: Image, work: Work, reserve: int) -> Recalled:
         """Likely poses of an image (h, w) or (h, w, c).

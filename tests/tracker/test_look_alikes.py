@@ -1,0 +1,199 @@
+"""After a loss, poses at which a structure looks alike are told apart by its surface, or not at all."""
+
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, look_at
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
+from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.relocalization.look_alikes import CLEARLY, LookAlikes, Lost
+from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.ranking import Likely
+from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.relocalization.surfaces.known_surfaces import UNSEEN, KnownSurfaces
+from uavbench.tracker.robust.relocalization.surfaces.surface import EDGE_PX
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.robust.work import Work
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
+
+PANEL_M, RANGE_M, STEP_NS = 0.3, 0.9, 66_666_667
+BOXES = 9
+ROW = [box_corners((0.12, 0.15, 0.25), ((k - BOXES // 2) * PANEL_M, 0.0)) for k in range(BOXES)]
+ROW_OF_BOXES = Structure.from_mesh(np.concatenate(ROW), np.concatenate([BOX_TRIANGLES + 8 * k for k in range(BOXES)]))
+ENOUGH = 10**9
+
+
+def before(right_m, up_m=0.35):
+    """The camera before the row, so far to the right of its middle."""
+    return look_at(np.array([right_m, -RANGE_M, up_m]), (right_m + 0.03, 0.0, 0.12))
+
+
+def beside(pose, boxes):
+    """The pose at which the row looks as at another one, so many boxes to the right of it."""
+    return Pose(pose.rotation, pose.translation - pose.rotation @ np.array([boxes * PANEL_M, 0.0, 0.0]))
+
+
+class Comparison:
+    """What was seen of a row of equal boxes from some poses, and an image from the middle."""
+
+    def __init__(self, *seen_from):
+        self.scene, self.rng, self.pose = Scene(ROW, seed=2), np.random.default_rng(3), before(0.0)
+        self.fitter = EdgeFitter(ROW_OF_BOXES, CAMERA, np.random.default_rng(0), RobustConfig())
+        self.relocator = Relocator(self.fitter, CAMERA)
+        reader = self.relocator.reader
+        self.seen = [reader.between_edges(reader.surface(self.image(pose), pose)) for pose in seen_from]
+        self.shown = self.image(self.pose)
+        self.look_alikes = LookAlikes(Doubts(self.relocator))
+
+    def image(self, pose):
+        return self.scene.render(pose, noise_rng=self.rng)
+
+    def known(self):
+        shown = self.relocator.reader.shown(self.shown)
+        return KnownSurfaces(self.relocator.searcher, self.seen, shown, Work(ENOUGH))
+
+    def compared(self, boxes=0, sigma=0.3, work=ENOUGH):
+        """The verdict on a fit so many boxes beside the true pose, which may be as far away as sigma."""
+        pose = beside(self.pose, boxes)
+        self.fitter.begin(0, 0.1)
+        fit = self.fitter.fit(self.shown, pose, isotropic_covariance(0.005, RANGE_M), StageClock())
+        self.fitter.work = Work(work)
+        reach = Motion(self.pose, isotropic_covariance(sigma, RANGE_M))
+        return self.look_alikes.compared(Lost(self.shown, [reach], RANGE_M, [Likely(reach)], self.seen), fit)
+
+    def off_m(self, fit):
+        return float(np.linalg.norm(fit.cam_from_world.inverse().translation - self.pose.inverse().translation))
+
+
+@pytest.fixture(scope="module")
+def everywhere():
+    """The row was seen from before each box but the first and last two."""
+    return Comparison(*(before(k * PANEL_M + 0.02, 0.37) for k in range(-2, 3)))
+
+
+@pytest.fixture(scope="module")
+def nowhere():
+    """Nothing of the row was seen."""
+    return Comparison()
+
+
+def test_a_surface_between_edges_is_away_from_all_that_are_seen(everywhere):
+    pose, reader = before(0.0), everywhere.relocator.reader
+    whole = reader.surface(everywhere.shown, pose)
+    between = reader.between_edges(whole)
+    ends = everywhere.fitter.edges.ends
+    on_edges = (ends[:, :1] + np.linspace(0.0, 1.0, 200)[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
+    seen = on_edges[on_edges[:, 1] == on_edges[:, 1].min()]  # of the fronts, all of which are in sight
+    edges, points = (reader.pixels_of(each, motion(pose)) for each in (seen, between.points))
+    apart_px = np.abs(points[:, :, None] - edges[:, None]).max(axis=0).min(axis=1)
+    assert apart_px.min() >= EDGE_PX
+    assert 40 < len(between.points) < len(whole.points)
+    rows = {tuple(point) for point in whole.points}
+    assert all(tuple(point) in rows for point in between.points)
+    assert between.grey.shape == (2, len(between.points)) and between.normals.shape == between.points.shape
+
+
+def test_the_surface_tells_a_place_from_others_that_look_alike(everywhere):
+    known, pose = everywhere.known(), everywhere.pose
+    here = known.rarity(motion(pose))
+    assert here > UNSEEN
+    for boxes in (-2, -1, 1, 2):
+        assert known.rarity(motion(beside(pose, boxes))) < here - CLEARLY
+
+
+def test_a_place_that_was_not_seen_is_neither_likely_nor_unlikely(nowhere):
+    assert nowhere.known().rarity(motion(nowhere.pose)) == UNSEEN
+    far = Comparison(before(-PANEL_M * 3))
+    assert far.known().rarity(motion(beside(far.pose, 2))) == UNSEEN
+
+
+def test_a_fit_at_the_right_place_leads(everywhere):
+    verdict = everywhere.compared()
+    assert verdict.leads and not verdict.contenders
+    assert everywhere.off_m(verdict.fit) < 0.01
+
+
+@pytest.mark.parametrize("boxes", [-1, 1])
+def test_a_fit_beside_the_right_place_gives_way_to_the_one_there(everywhere, boxes):
+    verdict = everywhere.compared(boxes)
+    assert verdict.leads
+    assert everywhere.off_m(verdict.fit) < 0.01
+
+
+@pytest.mark.parametrize("boxes", [-1, 0, 1])
+def test_where_nothing_was_seen_equal_places_stay_equal(nowhere, boxes):
+    verdict = nowhere.compared(boxes)
+    assert not verdict.leads
+    assert len(verdict.contenders) == 2
+    apart_m = np.diff([nowhere.off_m(each.fit) for each in verdict.contenders])
+    assert abs(apart_m) > 0.5 * PANEL_M
+
+
+def test_places_out_of_reach_are_not_compared(nowhere):
+    assert nowhere.compared(sigma=0.01) is None
+
+
+@pytest.mark.parametrize(("boxes", "leads"), [(-1, True), (0, True), (1, False)])
+def test_a_place_at_the_end_of_the_row_is_told_by_its_edges(boxes, leads):
+    """Where the row ends, less is found at poses before others of its boxes; beyond it nearly as much."""
+    end = Comparison()
+    end.pose = before((BOXES // 2) * PANEL_M)
+    end.shown = end.image(end.pose)
+    verdict = end.compared(boxes)
+    assert verdict.leads == leads
+    assert not leads or end.off_m(verdict.fit) < 0.01
+
+
+def test_without_room_for_a_comparison_nothing_is_sure_and_the_next_frame_leaves_room(everywhere):
+    verdict = everywhere.compared(work=1000)
+    assert not verdict.leads
+    awaited = everywhere.look_alikes.taken()
+    assert awaited > 1000
+    assert everywhere.look_alikes.taken() == 0
+    assert everywhere.compared(work=awaited).leads
+
+
+def test_without_room_for_fits_each_frame_leaves_more_until_they_say_that_places_are_equal(nowhere):
+    work, frames = 600_000, 0
+    while len(nowhere.compared(work=work).contenders) < 2:
+        awaited, frames = nowhere.look_alikes.taken(), frames + 1
+        assert awaited > work
+        work = awaited
+    assert 0 < frames <= 3
+
+
+def flown(seen_from, found_at):
+    """Statuses and errors (m) of a run that sees the row on its way, then 3 s of noise, then the row from elsewhere."""
+    scene, rng = Scene(ROW, seed=2), np.random.default_rng(3)
+    run, found = None, []
+    images = [(pose, scene.render(pose, noise_rng=rng)) for pose in seen_from]
+    images += [(None, rng.integers(100, 140, images[0][1].shape, dtype=np.uint8)) for _ in range(45)]
+    images += [(pose, scene.render(pose, noise_rng=rng)) for pose in found_at]
+    for k, (pose, image) in enumerate(images):
+        run = run or Robust().start(ROW_OF_BOXES, CAMERA, pose, np.random.default_rng(0))
+        result = run.track(image, k * STEP_NS)
+        if pose is None or result.status != "ok":
+            found.append((result.status, None))
+        else:
+            off_m = result.cam_from_world.inverse().translation - pose.inverse().translation
+            found.append((result.status, float(np.linalg.norm(off_m))))
+    return found[len(seen_from) + 45 :]
+
+
+def test_a_run_is_found_again_at_a_box_that_it_saw_beside_the_one_where_it_was_lost():
+    """It saw the left half of the row, is lost at the end of that, and comes back to the middle."""
+    way = [before(x) for x in np.linspace(0.0, -3.0 * PANEL_M, 40)]
+    found = flown(way, [before(x) for x in np.linspace(0.5 * PANEL_M, 0.7 * PANEL_M, 15)])
+    errors = [off_m for _, off_m in found if off_m is not None]
+    assert len(errors) >= 10
+    assert max(errors) < 0.02
+
+
+def test_a_run_that_sees_a_box_for_the_first_time_does_not_say_which():
+    way = [before(x) for x in np.linspace(-3.0 * PANEL_M, -1.5 * PANEL_M, 40)]
+    found = flown(way, [before(x) for x in np.linspace(0.2 * PANEL_M, 0.4 * PANEL_M, 15)])
+    assert {status for status, _ in found} <= {"ambiguous", "lost"}

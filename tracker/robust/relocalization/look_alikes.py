@@ -1,0 +1,141 @@
+"""Poses at which a structure looks alike, after a loss: told apart by its surface between the edges.
+
+Where windows or panels repeat, edges say that one of them is seen, and not which. Those that were seen before have more
+support, since what they look like is known, whether they are seen or others like them. So poses are compared by what
+the run saw of the surface, and by their edges as if nothing had been learned.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
+from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.ranking import Contender, Likely
+from uavbench.tracker.robust.relocalization.rivals import RIVAL_CHI2
+from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface
+from uavbench.tracker.robust.relocalization.surfaces.known_surfaces import KnownSurfaces
+from uavbench.tracker.robust.work import SHOWN
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Array, Pose
+
+EXPLAINED = 0.8
+"""Least part of what was found at a pose that another one explains, too, if the structure looks alike there: at a wrong
+pose all but what was found by chance. Measured on walls: 0.9 to 1, and up to 0.73 on bridges from one girder or panel
+to another.
+"""
+CLEARLY = 1.0
+"""Powers of ten by which a pose has to be likelier than others at which the structure looks alike."""
+
+
+class Lost(NamedTuple):
+    """An image after a loss, and what is known beforehand.
+
+    reach: where the camera may be since its last pose, range_m: from the structure; likely: where hypotheses lead;
+    seen: what the run saw of the surface between the edges.
+    """
+
+    image: Image
+    reach: Sequence[Motion]
+    range_m: float
+    likely: Sequence[Likely]
+    seen: Sequence[Surface]
+
+
+class Verdict(NamedTuple):
+    """The likeliest of poses at which a structure looks alike.
+
+    leads: whether it is clearly likelier than the others; contenders: where it is not, it and others as likely.
+    """
+
+    fit: Fit
+    leads: bool
+    contenders: tuple[Contender, ...] = ()
+
+
+class LookAlikes:
+    """Compares a fit with others at poses at which the structure looks alike."""
+
+    def __init__(self, doubts: Doubts) -> None:
+        self.doubts, self.relocator, self.fitter = doubts, doubts.relocator, doubts.fitter
+        self.config, self.awaited = self.fitter.config, 0
+
+    def taken(self) -> int:
+        """Evaluations that the last comparison had no room for; told once, for the next frame."""
+        awaited, self.awaited = self.awaited, 0
+        return awaited
+
+    def compared(self, lost: Lost, fit: Fit) -> Verdict | None:
+        """The likeliest of a fit and those at poses where the structure looks as there; None if there are none.
+
+        Where the frame's budget is not enough the fit does not lead. Edges are compared where surfaces do not decide.
+        """
+        poses = self.poses(lost, fit)
+        if len(poses) == 1:
+            return None
+        looks = SHOWN + KnownSurfaces.cost(len(poses))
+        if self.fitter.work.left < looks:
+            self.awaited = looks
+            return self.undecided(lost, fit)
+        rarity, whole, anew, best = self.by_surface(lost, poses), dict[int, float](), dict[int, Fit](), 0
+        while new := [k for k in as_likely(rarity, best) if k not in whole]:
+            if not self.doubts.without_memory().has_room_for(1):
+                self.awaited = looks + self.fitter.cost(len(anew) + 2)  # one tells more than this frame did
+                return self.undecided(lost, fit)
+            k = new[0]
+            anew[k] = self.anew(lost, poses[k])
+            whole[k] = rarity[k] - anew[k].chance.edges
+            if k != best and abs(whole[k] - whole[best]) < CLEARLY:
+                return self.undecided(lost, anew[best] if best else fit, anew[k])
+            best = max(whole, key=whole.__getitem__)
+        if best and not self.fitter.has_room_for(1):
+            return self.undecided(lost, anew[best], fit)
+        return Verdict(self.at(lost, anew[best]) if best else fit, leads=True)
+
+    def poses(self, lost: Lost, fit: Fit) -> list[RigidMotion]:
+        """The pose of a fit, and those within reach at which the structure looks as there, the likeliest first."""
+        pose, rivals = motion(fit.cam_from_world), self.relocator.rivals
+        shifts = rivals.similarity.shifts[rivals.shares(fit) >= EXPLAINED]
+        shifts = shifts[np.linalg.norm(shifts, axis=1) > rivals.config.found_sigma * lost.range_m]
+        places = [RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in shifts]
+        chi2 = np.array([min(each.squared_mahalanobis(Pose(*place)) for each in lost.reach) for place in places])
+        return [pose, *(places[k] for k in np.argsort(chi2, kind="stable") if chi2[k] <= RIVAL_CHI2)]
+
+    def by_surface(self, lost: Lost, poses: list[RigidMotion]) -> Array:
+        """Powers of ten (k,) by which chance does not explain what the surface looks like from poses."""
+        searcher, work = self.relocator.searcher, self.fitter.work
+        work.done += SHOWN
+        known = KnownSurfaces(searcher, lost.seen, self.relocator.reader.shown(lost.image), work)
+        return np.array([known.rarity(pose) for pose in poses])
+
+    def anew(self, lost: Lost, pose: RigidMotion) -> Fit:
+        """A fit at a pose without memory."""
+        return self.doubts.without_memory().searched(lost.image, Pose(*pose), self.near(lost), StageClock())
+
+    def at(self, lost: Lost, fit: Fit) -> Fit:
+        """A fit with memory at the pose of one without it."""
+        found = self.fitter.searched(lost.image, fit.cam_from_world, self.near(lost), StageClock())
+        return self.fitter.located(found, StageClock())
+
+    def near(self, lost: Lost) -> Array:
+        """Covariance (6, 6) of a pose at which a structure looks as at a fit."""
+        return isotropic_covariance(self.config.initialization.sigma, lost.range_m)
+
+    def undecided(self, lost: Lost, fit: Fit, *others: Fit) -> Verdict:
+        """A fit that does not lead, and others that are as likely, each the continuation of the nearest hypothesis."""
+        contenders = []
+        for each in (fit, *others):
+            prior = [likely.prior(each.cam_from_world, self.config.relocalization.lead) for likely in lost.likely]
+            contenders.append(Contender(each, 0.0, int(np.argmax(prior))))
+        return Verdict(fit, leads=False, contenders=tuple(each for each in contenders if each.fit.finite))
+
+
+def as_likely(rarity: Array, best: int) -> list[int]:
+    """The best of poses with a rarity (k,), and those that it does not clearly lead; none where it leads all."""
+    close = [k for k in range(len(rarity)) if k != best and rarity[k] > rarity[best] - CLEARLY]
+    return [best, *close] if close else []

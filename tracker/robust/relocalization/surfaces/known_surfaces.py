@@ -1,0 +1,60 @@
+"""How much an image looks, between the edges of a structure, as a run saw its surface."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.robust.relocalization.pose_arrays import centre_of
+from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.surfaces.aligner import rarity, seen_from
+from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface, aligned_pose
+from uavbench.tracker.robust.relocalization.surfaces.surface import MOST_POINTS, Shown
+from uavbench.tracker.robust.work import ALIGNED_POINT, ALIGNMENT, Work
+
+LEAST_SEEN = 40
+"""Points of a surface that say whether it is seen: of fewer, one window is most."""
+NEAREST = 3
+"""Surfaces that are looked at for a pose, those seen from nearest to it: limits the time."""
+UNSEEN = rarity(0.97, 1.0)
+"""Powers of ten of a surface that was not seen before. Measured on 82 views of walls of brick, plaster and panels
+after a loss: at the right pose the correlation is 0.95 to 1, nearly always 0.99, where windows look alike up to 0.97.
+"""
+
+
+class KnownSurfaces:
+    """An image, and what a run saw between the edges of a structure before."""
+
+    def __init__(self, searcher: PoseSearch, surfaces: Sequence[Surface], shown: Shown, work: Work) -> None:
+        self.searcher, self.surfaces, self.shown, self.work = searcher, surfaces, shown, work
+        self.focus = np.array([each.focus for each in surfaces]).reshape(-1, 3)
+        self.centres = np.array([centre_of(seen_from(each)) for each in surfaces]).reshape(-1, 3)
+
+    @staticmethod
+    def cost(poses: int) -> int:
+        """Most evaluations of looking at so many poses."""
+        return poses * NEAREST * (ALIGNMENT + MOST_POINTS * ALIGNED_POINT)
+
+    def rarity(self, pose: RigidMotion) -> float:
+        """Powers of ten by which chance does not explain how much the image looks from a pose as it did before.
+
+        By the surface of which most is in view.
+        """
+        most, found = LEAST_SEEN - 1, UNSEEN
+        for k in self.nearest(pose):
+            surface, searcher = self.surfaces[k], self.searcher
+            alike = aligned_pose(surface, 1, pose, 0, searcher.steps, searcher.camera, self.shown.little)
+            self.work.done += ALIGNMENT + alike.looked_up * ALIGNED_POINT
+            if alike.points > most:
+                most, found = alike.points, rarity(alike.correlation, 1.0)
+        return found
+
+    def nearest(self, pose: RigidMotion) -> list[int]:
+        """The surfaces whose middle is in view at a pose, those seen from nearest to it first."""
+        f, size = self.searcher.f, self.searcher.size
+        ahead = self.focus @ pose.R.T + pose.t
+        at = ahead[:, :2] / np.maximum(ahead[:, 2:], self.searcher.camera.near) * f[:2] + f[2:]
+        seen = (ahead[:, 2] > self.searcher.camera.near) & ((at > -0.5) & (at < np.array(size) - 0.5)).all(axis=1)
+        apart = np.linalg.norm(self.centres - centre_of(pose), axis=1)
+        first = np.argsort(np.where(seen, apart, np.inf), kind="stable")[: min(NEAREST, np.count_nonzero(seen))]
+        return [int(k) for k in first]
