@@ -8,6 +8,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
+from uavbench.tracker.robust.relocalization import look_alikes
 from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.look_alikes import CLEARLY, LookAlikes, Lost
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
@@ -146,6 +147,16 @@ def test_a_place_at_the_end_of_the_row_is_told_by_its_edges(boxes, leads):
     verdict = end.compared(boxes)
     assert verdict.leads == leads
     assert not leads or end.off_m(verdict.fit) < 0.01
+
+
+def test_of_many_places_the_farther_ones_count_as_not_seen(everywhere, monkeypatch):
+    """What was seen before leads them, and what only its edges tell from its neighbours does not."""
+    monkeypatch.setattr(look_alikes, "MOST_COMPARED", 2)
+    assert everywhere.compared().leads
+    end = Comparison()
+    end.pose = before((BOXES // 2) * PANEL_M)
+    end.shown = end.image(end.pose)
+    assert not end.compared().leads
 
 
 def test_without_room_for_a_comparison_nothing_is_sure_and_the_next_frame_leaves_room(everywhere):

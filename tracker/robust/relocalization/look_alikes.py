@@ -19,7 +19,7 @@ from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import Contender, Likely
 from uavbench.tracker.robust.relocalization.rivals import RIVAL_CHI2
 from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface
-from uavbench.tracker.robust.relocalization.surfaces.known_surfaces import KnownSurfaces
+from uavbench.tracker.robust.relocalization.surfaces.known_surfaces import UNSEEN, KnownSurfaces
 from uavbench.tracker.robust.work import SHOWN
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
@@ -29,6 +29,9 @@ EXPLAINED = 0.8
 pose all but what was found by chance. Measured on walls: 0.9 to 1, and up to 0.73 on bridges from one girder or panel
 to another.
 """
+MOST_COMPARED = 16
+"""Poses that are compared, the likeliest first: limits the time before a facade of many windows. Others count as not
+seen."""
 CLEARLY = 1.0
 """Powers of ten by which a pose has to be likelier than others at which the structure looks alike."""
 
@@ -78,6 +81,7 @@ class LookAlikes:
         poses = self.poses(lost, fit)
         if len(poses) == 1:
             return None
+        poses, others = poses[:MOST_COMPARED], poses[MOST_COMPARED:]
         looks = SHOWN + KnownSurfaces.cost(len(poses))
         if self.fitter.work.left < looks:
             self.awaited = looks
@@ -93,6 +97,8 @@ class LookAlikes:
             if k != best and abs(whole[k] - whole[best]) < CLEARLY:
                 return self.undecided(lost, anew[best] if best else fit, anew[k])
             best = max(whole, key=whole.__getitem__)
+        if others and rarity[best] < UNSEEN + CLEARLY:
+            return self.undecided(lost, fit)
         if best and not self.fitter.has_room_for(1):
             return self.undecided(lost, anew[best], fit)
         return Verdict(self.at(lost, anew[best]) if best else fit, leads=True)
