@@ -1,5 +1,6 @@
 """After a loss, poses at which a structure looks alike are told apart by its surface, or not at all."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -36,6 +37,15 @@ def before(right_m, up_m=0.35):
 def beside(pose, boxes):
     """The pose at which the row looks as at another one, so many boxes to the right of it."""
     return Pose(pose.rotation, pose.translation - pose.rotation @ np.array([boxes * PANEL_M, 0.0, 0.0]))
+
+
+def hang_posters(image, pose):
+    """Draw a poster of another shade on the front of each box."""
+    shades = np.random.default_rng(4).permutation(np.linspace(10, 250, BOXES)).tolist()
+    for corners, shade in zip(ROW, shades, strict=True):
+        left, right, front = corners[:, 0].min() + 0.02, corners[:, 0].max() - 0.02, corners[:, 1].min()
+        poster = np.array([(left, front, 0.06), (right, front, 0.06), (right, front, 0.2), (left, front, 0.2)])
+        cv2.fillConvexPoly(image, CAMERA.project(pose.transform(poster)).round().astype(np.int32), (shade,) * 3)
 
 
 class Comparison:
@@ -112,6 +122,16 @@ def test_a_place_that_was_not_seen_is_neither_likely_nor_unlikely(nowhere):
     assert far.known().rarity(motion(beside(far.pose, 2))) == UNSEEN
 
 
+def test_a_place_that_looks_otherwise_now_is_no_less_likely_than_one_that_was_not_seen():
+    """Only the true place was seen, and posters hang there since: that does not make another one right."""
+    changed = Comparison(before(0.02, 0.37))
+    hang_posters(changed.shown, changed.pose)
+    assert changed.known().rarity(motion(changed.pose)) == UNSEEN
+    for boxes in (-1, 0, 1):
+        verdict = changed.compared(boxes)
+        assert not verdict.leads or changed.off_m(verdict.fit) < 0.01
+
+
 def test_a_fit_at_the_right_place_leads(everywhere):
     verdict = everywhere.compared()
     assert verdict.leads and not verdict.contenders
@@ -178,12 +198,15 @@ def test_without_room_for_fits_each_frame_leaves_more_until_they_say_that_places
 
 
 def flown(seen_from, found_at):
-    """Statuses and errors (m) of a run that sees the row on its way, then 3 s of noise, then the row from elsewhere."""
+    """Statuses and errors (m) of a run that sees the row with posters on its way, then 3 s of noise, then again."""
     scene, rng = Scene(ROW, seed=2), np.random.default_rng(3)
     run, found = None, []
     images = [(pose, scene.render(pose, noise_rng=rng)) for pose in seen_from]
     images += [(None, rng.integers(100, 140, images[0][1].shape, dtype=np.uint8)) for _ in range(45)]
     images += [(pose, scene.render(pose, noise_rng=rng)) for pose in found_at]
+    for pose, image in images:
+        if pose is not None:
+            hang_posters(image, pose)
     for k, (pose, image) in enumerate(images):
         run = run or Robust().start(ROW_OF_BOXES, CAMERA, pose, np.random.default_rng(0))
         result = run.track(image, k * STEP_NS)

@@ -17,8 +17,9 @@ LEAST_SEEN = 40
 NEAREST = 3
 """Surfaces that are looked at for a pose, those seen from nearest to it: limits the time."""
 UNSEEN = rarity(0.97, 1.0)
-"""Powers of ten of a surface that was not seen before. Measured on 82 views of walls of brick, plaster and panels
-after a loss: at the right pose the correlation is 0.95 to 1, nearly always 0.99, where windows look alike up to 0.97.
+"""Powers of ten of a surface that was not seen before, or looks otherwise now: something may stand before it. Measured
+on walls of brick, plaster and panels after a loss: at the right pose the correlation is 0.95 to 1, nearly always 0.99,
+where windows look alike up to 0.97.
 """
 
 
@@ -38,7 +39,7 @@ class KnownSurfaces:
     def rarity(self, pose: RigidMotion) -> float:
         """Powers of ten by which chance does not explain how much the image looks from a pose as it did before.
 
-        By the surface of which most is in view.
+        By the surface of which most is in view. It speaks for a pose, and never against one.
         """
         most, found = LEAST_SEEN - 1, UNSEEN
         for k in self.nearest(pose):
@@ -46,7 +47,7 @@ class KnownSurfaces:
             alike = aligned_pose(surface, 1, pose, 0, searcher.steps, searcher.camera, self.shown.little)
             self.work.done += ALIGNMENT + alike.looked_up * ALIGNED_POINT
             if alike.points > most:
-                most, found = alike.points, rarity(alike.correlation, 1.0)
+                most, found = alike.points, max(UNSEEN, rarity(alike.correlation, 1.0))
         return found
 
     def nearest(self, pose: RigidMotion) -> list[int]:
