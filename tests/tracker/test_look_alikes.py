@@ -182,8 +182,10 @@ def test_of_many_places_the_farther_ones_count_as_not_seen(everywhere, monkeypat
 def test_without_room_for_a_comparison_nothing_is_sure_and_the_next_frame_leaves_room(everywhere):
     verdict = everywhere.compared(work=1000)
     assert not verdict.leads
-    awaited = everywhere.look_alikes.taken()
+    awaited = everywhere.look_alikes.awaited
     assert awaited > 1000
+    everywhere.fitter.work = Work(everywhere.fitter.cost(2) + 1000)
+    assert everywhere.look_alikes.taken() == 1000, "as much as other fits leave"
     assert everywhere.look_alikes.taken() == 0
     assert everywhere.compared(work=awaited).leads
 
@@ -191,7 +193,7 @@ def test_without_room_for_a_comparison_nothing_is_sure_and_the_next_frame_leaves
 def test_without_room_for_fits_each_frame_leaves_more_until_they_say_that_places_are_equal(nowhere):
     work, frames = 600_000, 0
     while len(nowhere.compared(work=work).contenders) < 2:
-        awaited, frames = nowhere.look_alikes.taken(), frames + 1
+        awaited, frames = nowhere.look_alikes.awaited, frames + 1
         assert awaited > work
         work = awaited
     assert 0 < frames <= 3

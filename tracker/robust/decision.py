@@ -244,7 +244,10 @@ class Decider:
                 likely=frame.likely,
                 lost=self.state.is_lost,
             )
+            reserve = self.look_alikes.taken()
+            self.fitter.work.allowed -= reserve
             found = self.relocator.confirm(sought)
+            self.fitter.work.allowed += reserve
         return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
@@ -294,8 +297,7 @@ class Decider:
         self.recalled, work = self.recall(frame, fit), self.fitter.work
         # For a fit where the run may begin again; for those without memory around a doubted pose, or at look-alikes.
         doubted = not (self.doubts.settled or self.config.budget.is_least(frame.step_s))
-        awaited = work.left if doubted else self.look_alikes.taken()
-        reserve = self.fitter.cost(1) if self.led else min(awaited, work.left // 2)
+        reserve = self.fitter.cost(1) if self.led else work.left // 2 if doubted else self.look_alikes.taken()
         work.allowed -= reserve
         sought = Sought(
             frame.image,

@@ -15,7 +15,7 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.doubts import Doubts
-from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.pose_arrays import distinct, motion
 from uavbench.tracker.robust.relocalization.ranking import Contender, Likely
 from uavbench.tracker.robust.relocalization.rivals import RIVAL_CHI2
 from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface
@@ -69,9 +69,9 @@ class LookAlikes:
         self.config, self.awaited = self.fitter.config, 0
 
     def taken(self) -> int:
-        """Evaluations that the last comparison had no room for; told once, for the next frame."""
+        """Evaluations to be left for a comparison that the last frame had no room for, but those of two fits; once."""
         awaited, self.awaited = self.awaited, 0
-        return awaited
+        return max(0, min(awaited, self.fitter.work.left - self.fitter.cost(2)))
 
     def compared(self, lost: Lost, fit: Fit) -> Verdict | None:
         """The likeliest of a fit and those at poses where the structure looks as there; None if there are none.
@@ -107,10 +107,10 @@ class LookAlikes:
         """The pose of a fit, and those within reach at which the structure looks as there, the likeliest first."""
         pose, rivals = motion(fit.cam_from_world), self.relocator.rivals
         shifts = rivals.similarity.shifts[rivals.shares(fit) >= EXPLAINED]
-        shifts = shifts[np.linalg.norm(shifts, axis=1) > rivals.config.found_sigma * lost.range_m]
         places = [RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in shifts]
         chi2 = np.array([min(each.squared_mahalanobis(Pose(*place)) for each in lost.reach) for place in places])
-        return [pose, *(places[k] for k in np.argsort(chi2, kind="stable") if chi2[k] <= RIVAL_CHI2)]
+        within = [places[k] for k in np.argsort(chi2, kind="stable") if chi2[k] <= RIVAL_CHI2]
+        return distinct([pose, *within], lost.range_m, rivals.config.found_sigma)
 
     def by_surface(self, lost: Lost, poses: list[RigidMotion]) -> Array:
         """Powers of ten (k,) by which chance does not explain what the surface looks like from poses."""
