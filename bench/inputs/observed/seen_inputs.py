@@ -159,7 +159,7 @@ def _fitting(folder: Path, pattern: str) -> list[str]:
         return glob.glob(pattern, root_dir=folder)  # noqa: PTH207, which needs no folder that is there
     try:  # not by glob, which follows links in circles
         paths = list(folder.glob(os.path.join(*parts, *(["*"] if parts[-1] == "**" else []))))  # noqa: PTH118, a text
-    except (ValueError, NotImplementedError):
+    except (ValueError, NotImplementedError):  # a pattern that pathlib takes for none, as a whole path
         return []
     names = [path.relative_to(folder) for path in paths]
     return [str(name) for name in names if not any(part.startswith(".") for part in name.parts)]
