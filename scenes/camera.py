@@ -5,7 +5,7 @@ spans -0.5 .. width - 0.5.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -14,34 +14,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.calibrations.other_tools import advice_on, own_name
+from uavbench.scenes.calibrations.camera_file import read_camera_file, write_camera_file
+from uavbench.scenes.calibrations.camera_plausibility import implausible
+from uavbench.scenes.calibrations.other_tools import own_name
 from uavbench.scenes.decoding.sample_bits import FEWEST_BITS, MOST_BITS
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MOST_PIXELS, SETTINGS
-from uavbench.trajectories.files.reading import opened, read_toml
-from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.files.limits import MOST_PIXELS
 from uavbench.trajectories.pose import Array
 
 DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
 BITS = (0, *range(FEWEST_BITS, MOST_BITS + 1))
 """Bits of a sample that a camera may have; 0: as its images say."""
-WIDEST = {"none": 45.0, "radtan": 45.0, "equidistant": 2 * np.pi}
-"""Most sides of the image, in focal lengths: 175 degrees of a pinhole, 360 degrees of an equidistant fisheye."""
-LEAST_ROUND_TRIP_PX = 0.5
-"""Error of projecting the ray of a pixel, in px, from which on that ray is none of it."""
 FOLDED_PX = 0.1
 """Distance in px from its pixel's ray, from which on a point is seen nowhere: the distortion folds over before it."""
-SHARES, FEWEST_PX = (0.3, 0.7), 16
-"""Where a principal point given in shares of the image's size is, and the side of an image from which it is none in px.
-
-A part of a larger image may have its principal point anywhere, as in its corner.
-"""
-MOST_TANGENTIAL = 0.03
-"""Largest p1 and p2 of a lens: those of calibrations are below 0.01, and k3 in their place is often larger."""
-HEAD_BYTES = 1 << 16
-"""Bytes of a file that tell which tool wrote it."""
-CIRCLE_RAD, ANGLES = np.radians(80.0), 1001
-"""Angle from the optical axis that all fisheyes see whose image is a circle, and angles up to it that are looked at."""
 LONGEST_READOUT_MS = 1000.0
 """A second; sensors with a rolling shutter read out their rows in some 5 to 50 ms."""
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
@@ -215,34 +200,13 @@ class Camera:
 
     def save(self, path: str | Path, *, kind: str = "") -> None:
         """Write `camera.toml`; kind: see `new_file`."""
-        lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
-        lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
-        lines += [f"bits = {self.bits}"] if self.bits else []
-        named = isinstance(self.response, str)
-        if self.response != "srgb":
-            lines.append(f'response = "{self.response}"' if named else f"response = {float(self.response)}")
-        lines += [f"readout_ms = {self.readout_ms}"] if self.readout_ms else []
-        if self.masked:
-            lines.append(f"masked = {[[list(corner) for corner in polygon] for polygon in self.masked]}")
-        write_text(Path(path), "\n".join(lines) + "\n", kind=kind)
+        write_camera_file(Path(path), asdict(self), kind=kind)
 
     @classmethod
     def load(cls, path: str | Path, inside: Path | None = None) -> "Camera":
         """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key."""
         path = Path(path)
-        try:
-            values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
-        except UserError:
-            if advice := _other_tool(path, inside):
-                raise UserError(f"{path}: {advice}") from None
-            raise
-        fields = list(cls.__dataclass_fields__)
-        unknown = sorted(set(values) - set(fields))
-        missing = [key for key in fields[:6] if key not in values]
-        if unknown or missing:
-            raise UserError(
-                f"{path}: unknown keys {unknown}, missing keys {missing} (a camera has {', '.join(fields)})"
-            )
+        values = read_camera_file(path, list(cls.__dataclass_fields__), inside)
         try:
             camera = cls(**values)
         except (ValueError, TypeError, OverflowError) as error:
@@ -250,15 +214,6 @@ class Camera:
         if inside is None and (why := implausible(camera)):  # a rendered one was checked
             raise UserError(f"{path}: {why}")
         return camera
-
-
-def _other_tool(path: Path, inside: Path | None) -> str:
-    """What to do about a file that another tool wrote; "" for any other, and for one that cannot be read."""
-    try:
-        with opened(path, SETTINGS, inside=inside) as handle:
-            return advice_on(path.suffix.lower(), handle.read(HEAD_BYTES))
-    except UserError:
-        return ""
 
 
 def _other_count(model: str, distortion: tuple[float, ...]) -> str:
@@ -273,69 +228,6 @@ def _other_count(model: str, distortion: tuple[float, ...]) -> str:
         return f"{told}; leave out the zeros behind the fifth"
     return (
         f"{told}; more are of a rational, thin prism or tilted model: calibrate again without, as `uavbench calibrate`"
-    )
-
-
-def implausible(camera: Camera) -> str:
-    """Why the numbers of a camera cannot be those of its images, "" if they can: those of a file, or of a script.
-
-    A lens is checked at the middles of the image's sides: in the corners, where no board was seen, good calibrations of
-    wide lenses fold over, too.
-    """
-    for name, side in (("fx", camera.width), ("fy", camera.height)):
-        if side > WIDEST[camera.distortion_model] * (focal_px := getattr(camera, name)):
-            return (
-                f"{name} = {focal_px:g} px is too short for {side} px of any lens; it is in pixels, neither in mm "
-                "nor a share of the image's width"
-            )
-    low, high = SHARES
-    if min(camera.width, camera.height) >= FEWEST_PX and all(low <= at <= high for at in (camera.cx, camera.cy)):
-        return f"cx = {camera.cx:g}, cy = {camera.cy:g} are shares of the image's size; give them in pixels"
-    if camera.distortion_model == "equidistant":
-        return _folded_fisheye(camera)
-    if camera.distortion_model != "radtan":
-        return ""
-    if max(map(abs, camera.distortion[2:4])) > MOST_TANGENTIAL:
-        p1, p2 = camera.distortion[2:4]
-        return (
-            f"distortion = {list(camera.distortion)}: p1 = {p1:g} and p2 = {p2:g} are larger than those of any lens; "
-            "the order is k1, k2, p1, p2, k3"
-        )
-    border = _middles_of_sides(camera)
-    with np.errstate(all="ignore"):
-        off_px = np.abs(camera.project(camera.rays(border)) - border).max(axis=1)
-    if (off_px < LEAST_ROUND_TRIP_PX).all():
-        return ""
-    return _folds_before(camera, border[int(np.argmin(off_px < LEAST_ROUND_TRIP_PX))], "k1, k2, p1, p2")
-
-
-def _folded_fisheye(camera: Camera) -> str:
-    """Why the angles of an equidistant lens do not reach the nearest side of the image, "" if they do.
-
-    The image of a lens may be a circle within the image's sides: its angles then go beyond CIRCLE_RAD.
-    """
-    angle = np.linspace(0.0, CIRCLE_RAD, ANGLES)
-    k1, k2, k3, k4 = camera.distortion
-    square = angle * angle
-    radius = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
-    falling = np.flatnonzero(np.diff(radius) <= 0)
-    border = _middles_of_sides(camera)
-    far = np.linalg.norm((border - [camera.cx, camera.cy]) / [camera.fx, camera.fy], axis=1)
-    if not len(falling) or far.min() <= radius[falling[0]]:
-        return ""
-    return _folds_before(camera, border[int(np.argmin(far))], "k1, k2, k3, k4")
-
-
-def _middles_of_sides(camera: Camera) -> Array:
-    """Pixels (4, 2) in the middles of the image's sides."""
-    right, bottom = camera.width - 1.0, camera.height - 1.0
-    return np.array([(0.0, bottom / 2), (right, bottom / 2), (right / 2, 0.0), (right / 2, bottom)])
-
-
-def _folds_before(camera: Camera, pixel: Array, order: str) -> str:
-    return (
-        f"distortion = {list(camera.distortion)}: the lens folds over before pixel ({pixel[0]:.0f}, {pixel[1]:.0f}), "
-        f"which no ray reaches; are they {order} of this camera? Calibrate with the board at the image's borders, too"
     )
 
 

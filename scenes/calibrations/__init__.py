@@ -1,4 +1,5 @@
-"""Calibrations of other tools: how to write theirs as a `camera.toml`, whose conventions differ.
+"""Calibrations that people give: `camera.toml`, those of other tools, whose conventions differ, and implausible ones.
 
-In: the beginning of a file, or a name of a lens. Out: what to do, for people. Imports nothing of scenes.
+In: a file or its beginning, a name of a lens, a camera's numbers. Out: values of a camera's fields, or what to do, for
+people. Imports files of trajectories; nothing of scenes.
 """

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uavbench.scenes.camera import Camera, implausible
+from uavbench.scenes.calibrations.camera_plausibility import implausible
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import UNKNOWN_BODY, load_model
 from uavbench.tracker.protocol import Run, Tracker, check_start
