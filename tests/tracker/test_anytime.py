@@ -8,7 +8,7 @@ from tests.tracker.test_first_pose import bars
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.tracker import Robust
-from uavbench.tracker.robust.work import PER_EDGE, PER_POINT, fit_evaluations
+from uavbench.tracker.robust.work import PER_EDGE, PER_POINT, Work, fit_evaluations
 from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
@@ -149,6 +149,17 @@ def test_a_fit_costs_its_edges_points_and_patches(flight):
     assert whole > bare + PER_EDGE * len(fitter.edges.ends) + PER_POINT * fitter.most_points
     fitter.texture.count = 0
     assert fitter.cost(1) < whole
+
+
+def test_what_is_reserved_is_left_afterwards_whatever_happens():
+    work = Work(1000, done=100)
+    with work.reserved(300):
+        work.done += 200
+        assert work.left == 400
+    assert (work.allowed, work.left) == (1000, 700)
+    with pytest.raises(ZeroDivisionError), work.reserved(300):
+        work.done //= 0
+    assert (work.allowed, work.left) == (1000, 700)
 
 
 @pytest.mark.parametrize("evaluations", [5_000_000, 7_000_000])

@@ -244,10 +244,8 @@ class Decider:
                 likely=frame.likely,
                 lost=self.state.is_lost,
             )
-            reserve = self.look_alikes.taken()
-            self.fitter.work.allowed -= reserve
-            found = self.relocator.confirm(sought)
-            self.fitter.work.allowed += reserve
+            with self.fitter.work.reserved(self.look_alikes.taken()):
+                found = self.relocator.confirm(sought)
         return Decision(found.fit, found.leads, not found.leads, contenders=found.contenders)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
@@ -298,25 +296,24 @@ class Decider:
         # For a fit where the run may begin again; for those without memory around a doubted pose, or at look-alikes.
         doubted = not (self.doubts.settled or self.config.budget.is_least(frame.step_s))
         reserve = self.fitter.cost(1) if self.led else work.left // 2 if doubted else self.look_alikes.taken()
-        work.allowed -= reserve
-        sought = Sought(
-            frame.image,
-            guesses,
-            covariance,
-            self.state.range_m,
-            fit,
-            sure=sure,
-            thorough=slow,
-            recalled=[*self.recalled.landmarks, *self.recalled.alike],
-            likely=frame.likely,
-            lost=self.state.is_lost,
-            carried=carried,
-            goes_on=frame.step_s < self.config.slow_s,
-            tracked=tracked,
-            surfaces=() if first or self.recalled.alike else self.places.surfaces(self.relocator.reader, work),
-        )
-        found = self.relocator.search(sought)
-        work.allowed += reserve
+        with work.reserved(reserve):
+            sought = Sought(
+                frame.image,
+                guesses,
+                covariance,
+                self.state.range_m,
+                fit,
+                sure=sure,
+                thorough=slow,
+                recalled=[*self.recalled.landmarks, *self.recalled.alike],
+                likely=frame.likely,
+                lost=self.state.is_lost,
+                carried=carried,
+                goes_on=frame.step_s < self.config.slow_s,
+                tracked=tracked,
+                surfaces=() if first or self.recalled.alike else self.places.surfaces(self.relocator.reader, work),
+            )
+            found = self.relocator.search(sought)
         self.recalled, unvouched = self.recalled.also_at(found.remembered), first and not self.is_as_given(fit)
         near = fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m)
         searched = unvouched or not (near or (tracked and self.state.is_expected(found.fit, frame.predicted)))

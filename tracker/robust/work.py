@@ -5,6 +5,8 @@ calls on one quiet core of an AMD EPYC: boxes, walls, a building, a truss and a 
 wrong poses.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 SAMPLING, PER_EDGE = 30_000, 75
@@ -70,3 +72,12 @@ class Work:
     def left(self) -> int:
         """Evaluations left; negative if the budget was exceeded."""
         return self.allowed - self.done
+
+    @contextmanager
+    def reserved(self, evaluations: int) -> Iterator[None]:
+        """Context in which so many evaluations are not allowed: they are left for what follows it in the frame."""
+        self.allowed -= evaluations
+        try:
+            yield
+        finally:
+            self.allowed += evaluations
