@@ -7,7 +7,7 @@ import pytest
 
 from tests.tracker.third_frame import third_frame
 from uavbench.tracker.geometry_kernels import se3_exp_left
-from uavbench.tracker.robust.decision import SEARCH_EVERY, Decision
+from uavbench.tracker.robust.decision.decider import SEARCH_EVERY, Decision
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.motion_model import PredictionErrors
 from uavbench.tracker.robust.relocalization.relocate import Relocalized

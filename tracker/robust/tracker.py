@@ -8,7 +8,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_stamp, check_start
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.decision import Decider, Decision
+from uavbench.tracker.robust.decision.decider import Decider, Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.fit.unit_weight import UnitWeight
@@ -90,7 +90,7 @@ class RobustRun:
         if not decision.settled:
             self.state.suppose(decision.contenders, frame.likely, frame.dt_s, stamp_ns)
             self.frames.restore(frame.before)
-            self.frames.restore(self.decider.give_up_doubted(frame.before))
+            self.frames.restore(self.decider.beginnings.give_up_doubted(frame.before))
             return undecided(decision, frame, clock)
         with clock.stage("learn"):
             self.learn(frame, decision.fit, stamp_ns)

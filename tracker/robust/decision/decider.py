@@ -6,14 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.scenes.camera import Camera
-from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.decision.beginnings import Beginnings
+from uavbench.tracker.robust.decision.found_edges import FoundEdges
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
-from uavbench.tracker.robust.fit.learning import MIN_POINTS, Memory
+from uavbench.tracker.robust.fit.learning import MIN_POINTS
 from uavbench.tracker.robust.fit.pose_fit import Fit
-from uavbench.tracker.robust.found_edges import FoundEdges
-from uavbench.tracker.robust.frames import Frame, Photometry
-from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
+from uavbench.tracker.robust.frames import Frame
+from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
 from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost
@@ -47,14 +47,6 @@ class Decision(NamedTuple):
     contenders: tuple[Contender, ...] = ()
 
 
-class Before(NamedTuple):
-    """What a run knew before it began again at a pose that is doubted."""
-
-    memory: Memory
-    state: TrackState
-    photometry: Photometry
-
-
 class Decider:
     """Decides on the fit of each frame; searches for another pose where it has little support."""
 
@@ -67,8 +59,7 @@ class Decider:
         self.kept_initial = self.led = False
         self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
         self.until_search, self.searched_suspect, self.recalled = 0, False, Recalled()
-        self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
-        self.before: Before | None = None
+        self.beginnings = Beginnings(self.doubts, self.found_edges, state)
 
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
@@ -77,7 +68,7 @@ class Decider:
         patches = self.fitter.texture
         best = self.without_patches(frame, found.fit, clock)
         given = best is tracked or (first and self.kept_initial)
-        fit = best if given else self.freed(best)
+        fit = best if given else self.beginnings.freed(best)
         recent = not self.is_slow(frame)
         held = self.state.holds(fit, frame.predicted, found.searched, recent, self.recalled.landmarks)
         slid = found.settled and held and self.found_edges.has_slid(fit, again=recent and not first)
@@ -85,18 +76,19 @@ class Decider:
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
         self.led &= not settled
-        vouched = self.kept_initial or (self.is_as_given(fit) and not is_by_chance(fit, 1))  # it may be wrong
+        as_given = self.beginnings.is_as_given(fit) and not is_by_chance(fit, 1)  # it may be wrong
+        vouched = self.kept_initial or as_given
         if settled and first and not vouched:
             self.doubts.begin(fit)
-        anew = self.begun_again(frame, fit, clock) if found.leads and not settled else None
+        anew = self.beginnings.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
-            fit, settled = anew, True
+            fit, settled, self.led = anew, True, False
         if not settled or self.doubts.settled:
             others = found.contenders if best is found.fit else ()
             is_open, contenders = settled and self.is_open(fit), () if slid else others or (Contender(fit),)
             return Decision(fit, settled, found.rivalled, is_open=is_open, contenders=contenders)
-        fit = self.doubted(frame, fit, clock)
-        self.before = None if self.doubts.settled else self.before
+        fit = self.beginnings.doubted(frame, fit, clock)
+        self.beginnings.before = None if self.doubts.settled else self.beginnings.before
         return Decision(fit, True, is_open=self.is_open(fit))
 
     def told_apart(self, frame: Frame, found: Decision, clock: StageClock) -> Decision:
@@ -114,79 +106,15 @@ class Decider:
         searched = found.searched or told.fit is not fit
         return Decision(told.fit, told.leads, not told.leads, searched, contenders=told.contenders)
 
-    def give_up_doubted(self, before: Photometry) -> Photometry:
-        """Return from a doubted pose to what was known before, or the initial pose, and to the photometry from then."""
-        if self.doubts.settled:
-            return before
-        self.doubts.end()
-        self.found_edges.forget()
-        self.relocator.forget()
-        if self.before is not None:
-            before = self.before.photometry
-            self.fitter.remember(self.before.memory)
-            self.state.return_to(self.before.state)
-            self.before = None
-            return before
-        self.gave_up = True
-        self.fitter.forget()
-        self.state.begin_again(self.initial, self.initial_range_m)
-        return before._replace(appearance=self.fitter.appearance)
-
-    def begun_again(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
-        """A fit without memory at a pose found after a loss, at which the run begins again; None if it tells little.
-
-        What the structure looks like from there may not be known, so that support is compared with nothing.
-        """
-        if not (self.doubts.settled and self.doubts.without_memory().has_room_for(1)):
-            return None
-        with clock.stage("relocalize"):
-            anew = self.doubts.anew(frame.image, fit, self.state.range_m)
-        if not self.state.may_begin_at(anew):
-            return None
-        known = self.fitter.memory._replace(appearance=frame.before.appearance)
-        self.before, self.led = Before(known, replace(self.state), frame.before), False
-        self.relocator.forget()
-        fit = self.begun_at(anew, clock)
-        self.state.is_lost = False
-        self.doubts.begin(anew)
-        return fit
-
-    def begun_at(self, fit: Fit, clock: StageClock) -> Fit:
-        """The fit, its edges located, at which the run begins again with an empty memory."""
-        self.fitter.forget()
-        self.found_edges.forget()
-        start = self.freed(fit)
-        self.state.begin_again(Motion(start.cam_from_world, start.covariance), start.range_m)
-        return self.freed(self.fitter.located(fit, clock))
-
-    def freed(self, fit: Fit) -> Fit:
-        """A fit that was held near where it began, with the covariance that it has without that.
-
-        No more is known beforehand than what a search tells.
-        """
-        wide = isotropic_covariance(self.config.relocalization.found_sigma, fit.range_m)
-        return fit.with_prior(inverse6(wide)) if fit.finite else fit
-
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
         return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
-
-    def is_as_given(self, fit: Fit) -> bool:
-        """Whether a fit is at the initial pose, while no other was accepted."""
-        near = fit.finite and self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
-        return near and not self.gave_up
-
-    def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
-        """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
-        with clock.stage("relocalize"):
-            better = self.doubts.better(frame.image, fit, self.state.range_m)
-        return fit if better is None else self.begun_at(better, clock)
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""
         self.until_search, self.recalled = self.until_search - 1, Recalled()
         first = self.state.is_first
-        given = first and not self.gave_up and not self.relocator.under_way
+        given = first and not self.beginnings.gave_up and not self.relocator.under_way
         kept = self.prior_constrained(frame, fit, clock) if given else None
         if kept is not None:
             self.kept_initial = True
@@ -314,7 +242,8 @@ class Decider:
                 surfaces=() if first or self.recalled.alike else self.places.surfaces(self.relocator.reader, work),
             )
             found = self.relocator.search(sought)
-        self.recalled, unvouched = self.recalled.also_at(found.remembered), first and not self.is_as_given(fit)
+        self.recalled = self.recalled.also_at(found.remembered)
+        unvouched = first and not self.beginnings.is_as_given(fit)
         near = fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m)
         searched = unvouched or not (near or (tracked and self.state.is_expected(found.fit, frame.predicted)))
         enough = self.state.holds(found.fit, frame.predicted, searched, not slow, self.recalled.landmarks)

@@ -1,0 +1,96 @@
+"""Where a run begins again: at a pose found after a loss, or a better first one, with an empty memory; and back."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from uavbench.tracker.geometry_kernels import inverse6
+from uavbench.tracker.robust.decision.found_edges import FoundEdges
+from uavbench.tracker.robust.fit.learning import Memory
+from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.frames import Frame, Photometry
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
+from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.stage_clock import StageClock
+
+
+class Before(NamedTuple):
+    """What a run knew before it began again at a pose that is doubted."""
+
+    memory: Memory
+    state: TrackState
+    photometry: Photometry
+
+
+class Beginnings:
+    """Begins again, and returns to what was known before if the pose is given up."""
+
+    def __init__(self, doubts: Doubts, found_edges: FoundEdges, state: TrackState) -> None:
+        self.doubts, self.relocator, self.fitter = doubts, doubts.relocator, doubts.fitter
+        self.found_edges, self.state, self.config = found_edges, state, doubts.fitter.config
+        self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
+        self.before: Before | None = None
+
+    def give_up_doubted(self, before: Photometry) -> Photometry:
+        """Return from a doubted pose to what was known before, or the initial pose, and to the photometry from then."""
+        if self.doubts.settled:
+            return before
+        self.doubts.end()
+        self.found_edges.forget()
+        self.relocator.forget()
+        if self.before is not None:
+            before = self.before.photometry
+            self.fitter.remember(self.before.memory)
+            self.state.return_to(self.before.state)
+            self.before = None
+            return before
+        self.gave_up = True
+        self.fitter.forget()
+        self.state.begin_again(self.initial, self.initial_range_m)
+        return before._replace(appearance=self.fitter.appearance)
+
+    def begun_again(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
+        """A fit without memory at a pose found after a loss, at which the run begins again; None if it tells little.
+
+        What the structure looks like from there may not be known, so that support is compared with nothing.
+        """
+        if not (self.doubts.settled and self.doubts.without_memory().has_room_for(1)):
+            return None
+        with clock.stage("relocalize"):
+            anew = self.doubts.anew(frame.image, fit, self.state.range_m)
+        if not self.state.may_begin_at(anew):
+            return None
+        known = self.fitter.memory._replace(appearance=frame.before.appearance)
+        self.before = Before(known, replace(self.state), frame.before)
+        self.relocator.forget()
+        fit = self.begun_at(anew, clock)
+        self.state.is_lost = False
+        self.doubts.begin(anew)
+        return fit
+
+    def begun_at(self, fit: Fit, clock: StageClock) -> Fit:
+        """The fit, its edges located, at which the run begins again with an empty memory."""
+        self.fitter.forget()
+        self.found_edges.forget()
+        start = self.freed(fit)
+        self.state.begin_again(Motion(start.cam_from_world, start.covariance), start.range_m)
+        return self.freed(self.fitter.located(fit, clock))
+
+    def freed(self, fit: Fit) -> Fit:
+        """A fit that was held near where it began, with the covariance that it has without that.
+
+        No more is known beforehand than what a search tells.
+        """
+        wide = isotropic_covariance(self.config.relocalization.found_sigma, fit.range_m)
+        return fit.with_prior(inverse6(wide)) if fit.finite else fit
+
+    def is_as_given(self, fit: Fit) -> bool:
+        """Whether a fit is at the initial pose, while no other was accepted."""
+        near = fit.finite and self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        return near and not self.gave_up
+
+    def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
+        with clock.stage("relocalize"):
+            better = self.doubts.better(frame.image, fit, self.state.range_m)
+        return fit if better is None else self.begun_at(better, clock)
