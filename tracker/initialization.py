@@ -184,15 +184,19 @@ def read_init(path: Path, camera: Camera, structure: Structure | None = None) ->
     pose = _read_pose(path, camera, structure)
     if structure is None:
         return pose
-    segments_px = visible_edges(structure, camera, pose).segments_px.reshape(-1, 2)
-    span_px = float(np.ptp(segments_px, axis=0).max()) if len(segments_px) else 0.0
-    if span_px < LEAST_SPAN_PX:
-        seen = f"only {span_px:.2g} px wide" if span_px else "not in the image"
+    if (wide_px := span_px(structure, camera, pose)) < LEAST_SPAN_PX:
+        seen = f"only {wide_px:.2g} px wide" if wide_px else "not in the image"
         raise UserError(
             f"{path}: at this pose the model is {seen}: it maps points of the model, in metres, to the camera, "
             "x right, y down, z forward; is it the inverse, in another unit, or with the axes of OpenGL?"
         )
     return pose
+
+
+def span_px(structure: Structure, camera: Camera, cam_from_world: Pose) -> float:
+    """Width or height in px, the larger one, of what an image shows of a structure's visible edges; 0 without any."""
+    segments_px = visible_edges(structure, camera, cam_from_world).segments_px.reshape(-1, 2)
+    return float(np.ptp(segments_px, axis=0).max()) if len(segments_px) else 0.0
 
 
 def _read_pose(path: Path, camera: Camera, structure: Structure | None) -> Pose:

@@ -37,10 +37,10 @@ FLOWN = ("sequences", "recordings", "start", "loop", "loops")
 class Suite:
     """A validated suite: sequences (one per name and seed), trackers by label, and the rates at which they run.
 
-    Its sequences are either all rendered or all recorded, since errors need ground truth. start: source of the initial
-    pose; protocols: protocols run in addition to the free run; flights: hash of the file's keys that concern sequences,
-    and of the files that these name; loops: closed-loop configurations by name, "" for a single one, empty for a suite
-    that is not flown.
+    Its sequences are either all rendered or all recorded, and of the latter all have ground truth or none has, since
+    errors need it. start: source of the initial pose; protocols: protocols run in addition to the free run; flights:
+    hash of the file's keys that concern sequences, and of the files that these name; loops: closed-loop configurations
+    by name, "" for a single one, empty for a suite that is not flown.
     """
 
     name: str
@@ -72,6 +72,12 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     )
     if bool(checked.sequences) == bool(checked.recordings):
         errors.append("give either `sequences`, which are rendered, or `recordings`, which are real images")
+    without = [name for name, table in checked.recordings.items() if not table.ground_truth_file]
+    if 0 < len(without) < len(checked.recordings):
+        errors.append(
+            f"recordings.{without[0]}: has no ground_truth_file, as others have; put those without into a suite of "
+            "their own, whose report has no errors"
+        )
     trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
     start = build(checked.start, "start", errors)
     loops = {name: build(table, f"loops.{name}", errors) for name, table in checked.loops.items()}

@@ -36,6 +36,7 @@ from uavbench.bench.runner.tasks import (
     Spec,
     Track,
     Video,
+    has_ground_truth,
 )
 from uavbench.bench.third_party.registry import absent
 from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
@@ -97,7 +98,9 @@ def images(spec: Spec) -> float:
 
 def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
-    packages = ("trajectories", "scenes", *(["tracker"] if isinstance(spec, RecordingSpec) else []))
+    packages = ("trajectories", "scenes")
+    if isinstance(spec, RecordingSpec):
+        packages += ("tracker", *(("reports/evaluation", "bench/own_images") if spec.ground_truth_file else ()))
     every = getattr(spec, "crlb_every", 0)
     key = key_of(spec, code_hash(*packages))
     return Job(
@@ -171,7 +174,7 @@ def _report_job(
     scored = tuple(ScoredFolders(job.work.sequence, job.work.results) for job in scores if isinstance(job.work, Score))
     needs = (*scores, *restarts)
     work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts), tuple(away.items()))
-    work = replace(work, figures=figures, recorded=any(isinstance(spec, RecordingSpec) for spec in suite.sequences))
+    work = replace(work, figures=figures, recorded=not all(map(has_ground_truth, suite.sequences)))
     return Job(
         verb="report",
         name="report",

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -24,6 +25,11 @@ Figures = Literal["page", "all"]
 """Figures of a report, as in uavbench.reports.report_figures; repeated here, because that module needs matplotlib."""
 
 
+def has_ground_truth(spec: Spec) -> bool:
+    """Whether runs on a sequence have errors: rendered ones do, and recordings whose true poses are given."""
+    return isinstance(spec, SequenceSpec) or bool(spec.ground_truth_file)
+
+
 @dataclass(frozen=True)
 class Render:
     """Render one sequence, or import a recorded one."""
@@ -34,7 +40,10 @@ class Render:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the sequence folder."""
         if isinstance(self.spec, RecordingSpec):
-            record(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
+            from uavbench.bench.own_images.true_poses import ground_truth_of
+
+            truth = partial(ground_truth_of, self.spec) if self.spec.ground_truth_file else None
+            record(self.spec, self.folder, content_hash=content_hash, ground_truth=truth, on_frame=on_step)
             return
         from uavbench.scenes.generate import generate
 

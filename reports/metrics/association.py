@@ -117,9 +117,9 @@ def paired(
         return pairs
     if len(estimate) <= len(reference):
         stamps = estimate.stamps_ns[b] / NS + offset_s
-        p, q = _interpolate(reference, reference.stamps_ns / NS, stamps)
+        p, q = interpolate(reference, reference.stamps_ns / NS, stamps)
         return PosePairs(np.round(stamps * NS).astype(np.int64), p, q, pairs.estimate_m, pairs.estimate_q)
-    return pairs.with_estimate(*_interpolate(estimate, estimate.stamps_ns / NS + offset_s, pairs.stamps_ns / NS))
+    return pairs.with_estimate(*interpolate(estimate, estimate.stamps_ns / NS + offset_s, pairs.stamps_ns / NS))
 
 
 class RowPairs(NamedTuple):
@@ -241,7 +241,7 @@ class Interpolated(NamedTuple):
     quaternions_wxyz: Array
 
 
-def _interpolate(trajectory: Trajectory, table_s: Array, stamps_s: Array) -> Interpolated:
+def interpolate(trajectory: Trajectory, table_s: Array, stamps_s: Array) -> Interpolated:
     """Positions (linear) and quaternions (slerp) at stamps in seconds, held at both ends."""
     right = np.clip(np.searchsorted(table_s, stamps_s), 1, max(len(table_s) - 1, 1))
     right = np.minimum(right, len(table_s) - 1)

@@ -9,7 +9,9 @@ from uavbench.scenes.dataset.table_files import read_integers, read_numbers
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY, LARGEST_COORDINATE_M
 from uavbench.trajectories.files.reading import opened
-from uavbench.trajectories.pose import Array
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array, rotation_log
+from uavbench.trajectories.trajectory import Trajectory
 
 GROUND_TRUTH_COLUMNS = [
     "frame", "stamp_ns",
@@ -33,6 +35,33 @@ MOUNTS_COLUMNS = [
     "yaw_rad", "roll_rad", "pitch_rad",
 ]  # fmt: skip
 """Pose `cam_from_body`, and the true angles of the gimbal's joints."""
+
+
+def write_ground_truth(folder: Path, stamps_ns: NDArray[np.int64], states: Array) -> None:
+    """Write groundtruth.csv of states (n, 16), the columns of GROUND_TRUTH_COLUMNS from px_m on, at stamps (n,)."""
+    rows = zip(stamps_ns.tolist(), states.tolist(), strict=True)
+    lines = [",".join(map(repr, [i, stamp, *row])) for i, (stamp, row) in enumerate(rows)]
+    write_text(folder / "groundtruth.csv", "\n".join([",".join(GROUND_TRUTH_COLUMNS), *lines]) + "\n")
+
+
+def states_of(world_from_body: Trajectory) -> Array:
+    """States (n, 16) of poses that are known at single times only: motion by differences to the poses on both sides.
+
+    Velocities and accelerations are np.gradient's, rates those of the rotation from the pose before to the one behind;
+    at both ends differences are to one side, and a single pose is at rest. Noise of the poses is not filtered.
+    """
+    n, motion = len(world_from_body), np.zeros((len(world_from_body), 9))
+    quaternions = world_from_body.quaternions_wxyz
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    if n > 1:
+        t = (world_from_body.stamps_ns - world_from_body.stamps_ns[0]) / 1e9
+        before, behind = np.maximum(np.arange(n) - 1, 0), np.minimum(np.arange(n) + 1, n - 1)
+        motion[:, :3] = np.gradient(world_from_body.positions_m, t, axis=0)
+        R = world_from_body.rotations
+        turned = rotation_log(np.swapaxes(R[before], 1, 2) @ R[behind])
+        motion[:, 3:6] = turned / (t[behind] - t[before])[:, None]
+        motion[:, 6:] = np.gradient(motion[:, :3], t, axis=0)
+    return np.hstack([world_from_body.positions_m, unit, motion])
 
 
 def read_ground_truth(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:

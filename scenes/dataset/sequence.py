@@ -201,6 +201,11 @@ class Sequence:
         return "initial_cam_from_world" in self.info
 
     @property
+    def own_images(self) -> bool:
+        """Whether its images are real ones or another renderer's, with ground truth or without."""
+        return self.recorded or "ground_truth" in self.info
+
+    @property
     def initial_cam_from_world(self) -> Pose:
         """Pose of the camera at the first frame: the true one, or, of a recorded sequence, the given initial pose."""
         return self._pose("initial_cam_from_world") if self.recorded else self.true_cam_from_world(0)

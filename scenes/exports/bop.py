@@ -85,12 +85,12 @@ def _limits(annotations: tuple[str, ...]) -> tuple[str, ...]:
     lines = [NUMBERED]
     if "mask" not in annotations:
         lines.append(
-            'Visible part: the sequence was rendered without annotations = ["mask"], so there is no mask_visib/, and '
+            'Visible part: the sequence has no annotations = ["mask"], so there is no mask_visib/, and '
             "scene_gt_info.json has no bbox_visib, px_count_visib and visib_fract."
         )
     if "depth" not in annotations:
         lines.append(
-            'Depth: the sequence was rendered without annotations = ["depth"], so there is no depth/, and '
+            'Depth: the sequence has no annotations = ["depth"], so there is no depth/, and '
             "scene_gt_info.json has no px_count_valid."
         )
     return tuple(lines)

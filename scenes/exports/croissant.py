@@ -91,7 +91,7 @@ SIMULATED = {
     "rai:dataSocialImpact": "Localization serves inspection; the same methods could serve surveillance by drones.",
 }
 RECORDED = {
-    "rai:dataCollection": "Real images, provided by their author and copied by uavbench.",
+    "rai:dataCollection": "Images provided by their author and copied by uavbench.",
     "rai:dataCollectionType": ["Direct measurement"],
     "rai:personalSensitiveInformation": "Not known to uavbench: to be described by the publisher of the images.",
     "rai:dataUseCases": "Comparison of trackers that localize a camera against a known model.",
@@ -112,7 +112,7 @@ def write_croissant(sequence: Sequence, folder: Path, held: Held, not_held: Iter
         "citeAs": "@software{uavbench, title={uavbench: ground truth for model-based UAV localization}}",
         "distribution": distribution,
         "recordSet": [_images(each) for each in sets],
-        **(RECORDED if sequence.recorded else SIMULATED),
+        **(RECORDED if sequence.own_images else SIMULATED),
         "rai:dataLimitations": list(not_held) or ["None beyond those of the sequence, all of which is exported."],
         "rai:dataReleaseMaintenancePlan": (
             "The config and seed in the sequence reproduce it; see the reproducibility page of uavbench."

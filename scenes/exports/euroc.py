@@ -60,7 +60,7 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
     poses, biases = "mav0/state_groundtruth_estimate0/data.csv", ", biases of imu0" if imus else ""
     files = {
         "mav0/cam0": "images by stamp; sensor.yaml: body from camera, intrinsics, distortion",
-        poses: f"body in the world, its velocity there{biases}; at 100 Hz and at each image",
+        poses: f"body in the world, its velocity there{biases}; {rows_of(sequence)}",
     }
     files |= {f"mav0/cam{k}": f"the same for camera `{name}`" for k, name in enumerate(cameras) if k}
     files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
@@ -146,7 +146,7 @@ def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> No
         motion = np.column_stack([motion, _biases(sequence.body_folder / imu, stamps)])
     folder.mkdir()
     write_euroc(Trajectory(stamps, state[:, :3], state[:, 3:7]), folder / "data.csv", motion)
-    text = "sensor_type: pose\ncomment: ground truth of the simulation, of the body\n"
+    text = "sensor_type: pose\ncomment: ground truth of the body\n"
     write_text(folder / "sensor.yaml", text + _t_bs(Pose.identity()))
 
 
@@ -155,6 +155,11 @@ class TrueStates(NamedTuple):
 
     stamps_ns: NDArray[np.int64]
     values: Array
+
+
+def rows_of(sequence: Sequence) -> str:
+    """When the states of `true_state` are, in words: without flight.csv, as of own images, at the images alone."""
+    return "at 100 Hz and at each image" if (sequence.body_folder / "flight.csv").is_file() else "at each image"
 
 
 def true_states(sequence: Sequence, columns: int) -> TrueStates:

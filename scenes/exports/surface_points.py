@@ -105,7 +105,7 @@ class PointCloud:
         ]
         if not (shown.sequence.folder / "mask").is_dir():
             lines.append(
-                'Visibility: the sequence was rendered without annotations = ["mask"], so that points behind trees, '
+                'Visibility: the sequence has no annotations = ["mask"], so that points behind trees, '
                 "people and other objects count as visible; and there are no masks."
             )
         return lines

@@ -11,7 +11,7 @@ from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import as_camera, row_poses, write_depth, write_edges, write_mask
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
 from uavbench.scenes.dataset.gimbal_files import write_mounts
-from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.ground_truth_files import write_ground_truth
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
 from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
@@ -82,7 +82,7 @@ def write_frames(
         _save(folder / "row_mounts.npy", row_mounts)
     if limit is not None:
         write_bounds(folder, bounds)
-    _write_ground_truth(folder, flight, exposures.times_ns[arrived], exposures.stamps_ns[arrived])
+    write_ground_truth(folder, exposures.stamps_ns[arrived], states_at(flight, exposures.times_ns[arrived]))
 
 
 def _save(path: Path, rows: list[Array]) -> None:
@@ -145,11 +145,3 @@ def states_at(flight: Flight, times_ns: NDArray[np.int64]) -> Array:
 
 def _world_from_body(filming: Filming) -> Callable[[int], Pose]:
     return lambda time_ns: filming.source.cam_from_world(time_ns).inverse() @ filming.mount(time_ns)
-
-
-def _write_ground_truth(
-    folder: Path, flight: Flight, times_ns: NDArray[np.int64], stamps_ns: NDArray[np.int64]
-) -> None:
-    rows = zip(stamps_ns.tolist(), states_at(flight, times_ns).tolist(), strict=True)
-    lines = [",".join(map(repr, [i, stamp, *row])) for i, (stamp, row) in enumerate(rows)]
-    write_text(folder / "groundtruth.csv", "\n".join([",".join(GROUND_TRUTH_COLUMNS), *lines]) + "\n")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from uavbench.trajectories.processes.library_path import keep_library_path
 
 if TYPE_CHECKING:
+    from uavbench.bench.own_images.import_sequence import import_sequence
     from uavbench.bench.runner.render_suite import render
     from uavbench.reports import figures_on_axes as figures
     from uavbench.reports.evaluation.api import evaluate
@@ -43,6 +44,7 @@ __all__ = [
     "UserError",
     "evaluate",
     "figures",
+    "import_sequence",
     "load_runs",
     "load_scores",
     "open_sequence",
@@ -60,6 +62,7 @@ HOMES = {
     "UserError": "trajectories.errors",
     "evaluate": "reports.evaluation.api",
     "figures": "reports.figures_on_axes",
+    "import_sequence": "bench.own_images.import_sequence",
     "load_runs": "reports.run_folder",
     "load_scores": "reports.run_folder",
     "open_sequence": "scenes.dataset.sequence",

@@ -430,7 +430,7 @@ def test_what_a_sequence_does_not_know_is_left_out_of_bop(lens, tmp_path):
     info = json.loads((bop / "test" / "000001" / "scene_gt_info.json").read_text())["0"][0]
     assert set(info) == {"bbox_obj", "px_count_all"}
     assert not (bop / "test" / "000001" / "mask_visib").exists()
-    assert 'without annotations = ["mask"]' in notes(bop)
+    assert 'has no annotations = ["mask"]' in notes(bop)
 
 
 @pytest.mark.parametrize("format", sorted(EXPORTS))

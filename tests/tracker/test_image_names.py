@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from tests.bench.small_suites import OWN_IMAGES, own_images
 from uavbench.bench.cli.main import main
-from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
+from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins, stamps_in_names
 from uavbench.tracker.images.track_images import in_order
 from uavbench.trajectories.errors import UserError
 
@@ -179,3 +179,20 @@ def test_a_recorded_suite_tells_of_times_beside_its_images_and_of_black_ones(tmp
         assert done.exit_code == 0, done.output
         assert done.output.count("rgb.txt: seems to hold the times of the images, which are not read") == told
         assert f"frames: 1 of {len(frames)} images have no grey level above 8 of 255" in done.output
+
+
+@pytest.mark.parametrize(("names", "stamps_ns"), [
+    (["1305031102.175304.png", "1305031102.211214.png"], [1305031102175304000, 1305031102211214000]),
+    (["1403636579763555584.png", "1403636579813555456.png"], [1403636579763555584, 1403636579813555456]),
+    (["cam_1403636579763.png", "cam_1403636579813.png"], [1403636579763000000, 1403636579813000000]),
+    (["1403636579763555.png", "1403636579813555.png"], [1403636579763555000, 1403636579813555000]),
+    (["000000.png", "000001.png"], None),
+    (["20240131120005123.png", "20240131120006123.png"], None),
+    (["DJI_20240131120005_0001_V.png", "DJI_20240131120006_0002_V.png"], None),
+    (["1403636579813555456.png", "1403636579763555584.png"], None),
+    (["99999999999999999990.png", "99999999999999999991.png"], None),
+    (["first.png", "1403636579763555584.png"], None),
+])  # fmt: skip
+def test_stamps_are_those_of_names_that_are_times(names, stamps_ns):
+    found = stamps_in_names([Path(name) for name in names])
+    assert (None if found is None else found.tolist()) == stamps_ns

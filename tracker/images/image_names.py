@@ -15,6 +15,8 @@ from uavbench.trajectories.errors import UserError
 
 STAMP_DIGITS = 12
 """Digits of a number from which on it is a time in ms, us or ns since 1970, and no count of images."""
+MOST_STAMP_DIGITS = 19
+"""Digits of ns since 1970 until 2261, the largest that 64 bits hold."""
 UNITS = (1e3, 1e6, 1e9)
 """Steps of such numbers in a second."""
 SECONDS = re.compile(r"(?:.*[^0-9])?([0-9]+)\.([0-9]+)")
@@ -69,6 +71,24 @@ def refuse_twins(images: Sequence[Path]) -> None:
             raise UserError(
                 f"{path.parent}: has {other.name} and {path.name}, which would count as two images; keep one type"
             )
+
+
+def stamps_in_names(images: Sequence[Path]) -> NDArray[np.int64] | None:
+    """Stamps (n,) in ns of images whose names end in seconds with decimals, or count ms, us or ns since 1970.
+
+    None for other names, as counts and dates, and for times that do not increase.
+    """
+    seconds = in_seconds(images)
+    last = [by_numbers(path.stem, seconds)[1::2][-1:] for path in images]
+    numbers = [Decimal(number) for found in last for number in found]
+    if len(numbers) < len(images):
+        return None
+    digits = len(str(int(numbers[-1])))
+    if (not seconds and digits < STAMP_DIGITS) or digits > MOST_STAMP_DIGITS or _dates(images) is not None:
+        return None
+    unit_ns = 10**9 if seconds else next(10 ** (9 - k) for k in (3, 6, 9) if digits <= STAMP_DIGITS + k - 1 or k == 9)
+    stamps_ns = np.array([int(number * unit_ns) for number in numbers], dtype=np.int64)
+    return stamps_ns if (np.diff(stamps_ns) > 0).all() else None
 
 
 def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:

@@ -1,21 +1,24 @@
-"""Recorded sequences: real images of a structure whose model and initial pose are known, and no ground truth.
+"""Recorded sequences: images of a structure whose model is known, with their true poses or with an initial one.
 
-`record` writes them as a sequence folder without groundtruth.csv; `sequence.json` has `initial_cam_from_world`.
+`record` writes them as a sequence folder. Without true poses it has no groundtruth.csv, and `sequence.json` has
+`initial_cam_from_world`; with them `sequence.json` has `ground_truth`, which tells where they are from.
 """
 
 import json
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import cv2
 import numpy as np
 from annotated_types import Ge, Interval
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.ground_truth_files import states_of, write_ground_truth
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.image_files import SUFFIXES, is_plain, read_image
@@ -29,6 +32,7 @@ from uavbench.tracker.images.model_size import doubts_of_size
 from uavbench.tracker.images.track_images import RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
+from uavbench.trajectories.bags.reading import bag_topic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import IMAGE
 from uavbench.trajectories.files.listed import Marker
@@ -36,20 +40,42 @@ from uavbench.trajectories.files.origin import refuse_foreign
 from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
 
 VISP_IMAGES = (Path("/usr/share/visp-images-data/ViSP-images"), Path("/usr/local/share/visp-images-data/ViSP-images"))
+Row = tuple[float, float, float, float]
 RECORDED = Marker("manifest.json", "recorded sequence")
 VISP_CUBE = "mbt/cube"
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Image files in order, with structure, camera and initial pose."""
+    """Image files in order, with structure, camera and initial pose; None where the true poses are known."""
 
     images: tuple[Path, ...]
     camera: Camera
     structure: Structure
-    initial_cam_from_world: Pose
+    initial_cam_from_world: Pose | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTruth:
+    """True poses of the images of a recording, `world_from_body` at the stamp of each.
+
+    stamps_from: what the stamps are of: the poses, the names of the images, or the rate; about: where the poses are
+    from, for `sequence.json`; doubts: messages on likely mistakes in them.
+    """
+
+    world_from_body: Trajectory
+    cam_from_body: Pose
+    stamps_from: Literal["poses", "names", "rate"]
+    about: dict[str, Any] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def initial_cam_from_world(self) -> Pose:
+        """True pose of the camera at the first image."""
+        return self.cam_from_body @ self.world_from_body.pose(0).inverse()
 
 
 class RecordingSource(Protocol):
@@ -62,12 +88,15 @@ class RecordingSource(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Files:
-    """Your own files: a folder of images, a model, camera.toml and init.toml, as for `uavbench track --images`."""
+    """Your own files: a folder of images, a model, camera.toml and init.toml, as for `uavbench track --images`.
+
+    init_file is left out where the recording has a `ground_truth_file`.
+    """
 
     images_path: str
     model_file: str
     camera_file: str
-    init_file: str
+    init_file: str = ""
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
@@ -79,7 +108,7 @@ class Files:
         """The recording."""
         camera = Camera.load(Path(self.camera_file))
         structure = load_model(Path(self.model_file))
-        first = read_init(Path(self.init_file), camera, structure)
+        first = read_init(Path(self.init_file), camera, structure) if self.init_file else None
         return Recording(images_in(Path(self.images_path)), camera, structure, first)
 
 
@@ -137,23 +166,83 @@ RECORDINGS: dict[str, type[RecordingSource]] = {"files": Files, "visp-cube": Vis
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingSpec:
-    """A recorded sequence: its source and its frame rate."""
+    """A recorded sequence: its source, its frame rate, and its true poses, where they are known.
+
+    ground_truth_file: a trajectory of the images in any form that `uavbench evaluate` reads; cam_from_body: the
+    camera on the body, rows of a homogeneous matrix in metres, where these are poses of the body.
+    """
 
     name: str
     seed: Annotated[int, Ge(0)]
     source: RecordingSource
     rate_hz: Annotated[float, Interval(ge=RATES_HZ[0], le=RATES_HZ[1])] = 30.0
+    ground_truth_file: str = ""
+    cam_from_body: tuple[Row, Row, Row, Row] | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.source, Files) and not (self.source.init_file or self.ground_truth_file):
+            raise ValueError("source.init_file: this key is missing, and so is ground_truth_file; give one of the two")
+        if isinstance(self.source, Files) and self.source.init_file and self.ground_truth_file:
+            raise ValueError("source.init_file: ground_truth_file tells the initial pose, too; leave init_file out")
+        if self.cam_from_body is not None and not self.ground_truth_file:
+            raise ValueError("cam_from_body: is of the poses in ground_truth_file, which is missing")
+        try:
+            _ = self.mount
+        except ValueError as error:
+            raise ValueError(f"cam_from_body: {error}") from None
+
+    @property
+    def mount(self) -> Pose | None:
+        """The camera's pose on the body, if it is given."""
+        return None if self.cam_from_body is None else Pose.from_matrix(self.cam_from_body)
+
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """Files whose content enters the sequence's hash beside the ground truth: its times, its mount, or its bag."""
+        given = Path(self.ground_truth_file)
+        if not self.ground_truth_file:
+            return ()
+        bag = bag_topic(given)
+        places = (bag.bag,) if bag else (given.with_name("times.txt"), given.with_name("sequence.json"))
+        return tuple(path for path in places if path.is_file())
 
 
 def record(
-    spec: RecordingSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
+    spec: RecordingSpec,
+    folder: Path,
+    *,
+    content_hash: str,
+    ground_truth: Callable[[Recording], GroundTruth] | None = None,
+    on_frame: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write the sequence `folder` of a recording, completely or not at all.
+    """Write the sequence `folder` of a recording, completely or not at all; ground_truth: finds its true poses.
 
     UserError when a file is missing, an image cannot be read, or the folder holds anything other than a sequence.
     """
     refuse_foreign(folder, RECORDED)
     recording = recording_of(spec.source)
+    truth = ground_truth(recording) if ground_truth is not None else None
+    about = {"name": spec.name, "seed": spec.seed, "rate_hz": spec.rate_hz, "content_hash": content_hash}
+    write_recording(recording, truth, folder, about, on_frame)
+
+
+def write_recording(
+    recording: Recording,
+    truth: GroundTruth | None,
+    folder: Path,
+    about: Mapping[str, Any],
+    on_frame: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write the sequence `folder` of a recording; about: `name`, `seed`, `rate_hz` and `content_hash` of it.
+
+    UserError as `record`, and without an initial pose where there are no true ones.
+    """
+    first = recording.initial_cam_from_world if truth is None else truth.initial_cam_from_world
+    if first is None:
+        raise UserError(f"recording {about['name']}: has no initial pose; it takes a Pose, or a ground truth")
+    rate_hz, n = float(about["rate_hz"]), len(recording.images)
+    stamps_ns = stamps_of_rate(n, rate_hz) if truth is None else truth.world_from_body.stamps_ns
+    timed = truth is not None and truth.stamps_from != "rate"
     place, levels, repeated = recording.images[0].parent, BlackImages(), RepeatedImages()
     with disk_errors(folder), new_folder(folder, RECORDED) as new:
         (new / "frames").mkdir()
@@ -168,31 +257,37 @@ def record(
                 shutil.copyfile(image, new / name)
             else:  # a program would see it darker, or turned
                 (new / name).write_bytes(cv2.imencode(".png", shown)[1].tobytes())
-            lines.append(f"{frame},{round(frame * 1e9 / spec.rate_hz)},{name}")
+            lines.append(f"{frame},{stamps_ns[frame]},{name}")
             if on_frame is not None:
-                on_frame(frame + 1, len(recording.images))
+                on_frame(frame + 1, n)
         write_text(new / "frames.csv", "\n".join(lines) + "\n")
         replace(recording.camera, bits=0).save(new / "camera.toml")
         save_structure(recording.structure, new)
+        if truth is not None:
+            write_ground_truth(new, stamps_ns, states_of(truth.world_from_body))
+        mount = Pose.identity() if truth is None else truth.cam_from_body
         info = {
-            "name": spec.name,
-            "seed": spec.seed,
-            "rate_hz": spec.rate_hz,
-            "cam_from_body": np.eye(4).tolist(),
-            "initial_cam_from_world": recording.initial_cam_from_world.matrix.tolist(),
-            "content_hash": content_hash,
+            **about,
+            "cam_from_body": mount.matrix.tolist(),
+            **({"initial_cam_from_world": first.matrix.tolist()} if truth is None else {"ground_truth": truth.about}),
             "versions": versions(),
             "doubts": [
                 *doubts_of_camera(recording.camera),
-                *doubts_of_size(recording.structure, recording.initial_cam_from_world),
-                *doubts_of_names(recording.images, spec.rate_hz),
-                *doubts_of_times(place, spec.rate_hz),
+                *doubts_of_size(recording.structure, first),
+                *(() if timed else doubts_of_names(recording.images, rate_hz)),
+                *(() if timed else doubts_of_times(place, rate_hz)),
                 *levels.doubts(place.name),
                 *repeated.doubts(place.name),
+                *(truth.doubts if truth is not None else ()),
             ],
         }
         write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
         write_manifest(new)
+
+
+def stamps_of_rate(images: int, rate_hz: float) -> NDArray[np.int64]:
+    """Stamps (n,) in ns of so many images, 1 / rate_hz apart from 0 on."""
+    return np.array([round(frame * 1e9 / rate_hz) for frame in range(images)], dtype=np.int64)
 
 
 def recording_of(source: RecordingSource) -> Recording:
@@ -207,11 +302,13 @@ def recording_of(source: RecordingSource) -> Recording:
             raise UserError(f"{name}: find gives a {type(each).__name__}; it takes a Recording")
     kinds = {"camera": Camera, "structure": Structure, "initial_cam_from_world": Pose}
     for key, kind in kinds.items():
-        if not isinstance(given := getattr(found, key), kind):
+        given = getattr(found, key)
+        if not isinstance(given, kind) and not (given is None and kind is Pose):
             raise UserError(f"{name}: its {key} is a {type(given).__name__}; it takes a {kind.__name__}")
     if not found.images or not all(isinstance(image, Path) for image in found.images):
         raise UserError(f"{name}: its images are no paths of files; it takes a tuple of one Path or more, in order")
-    same = np.array_equal(found.initial_cam_from_world.matrix, again.initial_cam_from_world.matrix)
+    first, second = (each.initial_cam_from_world for each in (found, again))
+    same = np.array_equal(first.matrix, second.matrix) if first and second else first is second
     if tuple(found.images) != tuple(again.images) or found.camera != again.camera or not same:
         raise UserError(
             f"{name}: find gives another recording each time; take images in a fixed order, as of their names"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from uavbench.scenes.dataset.body import GIMBAL, gimbal_joints
-from uavbench.scenes.exports.euroc import RATES, STATE, body_from_imu, imus_of, true_state
+from uavbench.scenes.exports.euroc import RATES, STATE, body_from_imu, imus_of, rows_of, true_state
 from uavbench.scenes.exports.laser_readings import Laser, Lidar, lidars_of, range_finders_of
 from uavbench.scenes.exports.notes import Held, tables_of, tables_with
 from uavbench.scenes.exports.ros import bag_messages as messages
@@ -204,15 +204,14 @@ class Content:
         on_body = "".join(f", `{frame}` on `base_link` at its images" for frame in moving)
         merged = heapq.merge(*poses, key=lambda each: each.stamp_ns)
         yield Channel("/tf", "tf2_msgs/TFMessage", f"ground truth: `base_link` in `world`{on_body}", merged)
-        about = "ground truth: pose in `world`, twist in `base_link`; at 100 Hz and at each image"
+        about = f"ground truth: pose in `world`, twist in `base_link`; {rows_of(self.shown.sequence)}"
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
 
     def limits(self) -> Iterator[str]:
         """Sentences on what the messages cannot represent, or represent with a different meaning."""
-        yield (
-            "Stamps: they count from the beginning of the record, as in the sequence, and not from 1970; the time of "
-            "recording of a message is its header's stamp."
-        )
+        counted = "they count from the beginning of the record, as in the sequence, and not from 1970"
+        since = "they are those of the sequence" if self.shown.sequence.own_images else counted
+        yield f"Stamps: {since}; the time of recording of a message is its header's stamp."
         if self.shown.sequence.recorded:
             yield "Ground truth: a recording has none, and no mount is known: there is no /odom, /tf and /tf_static."
         else:
