@@ -129,8 +129,11 @@ def _open_edges(corners: np.ndarray, n: int) -> int:
     return int(np.abs(balance).astype(np.int64).astype(bool).sum())
 
 
-def check_file(path: Path, data: bytes) -> None:
-    """UserError for a file that is too large, uses an unsupported compression, or refers to a missing file."""
+def check_file(path: Path, data: bytes, *, coloured: bool = True) -> None:
+    """UserError for a file that is too large, uses an unsupported compression, or refers to a missing file.
+
+    coloured: the materials of an OBJ file are read, so that they must be there.
+    """
     kind = path.suffix.lower()
     _check_size(path, data)
     if kind == ".stl":
@@ -140,7 +143,7 @@ def check_file(path: Path, data: bytes) -> None:
     for name in wanted:
         if not _beside(path, name):
             raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
-        if not is_there(path.parent / name):
+        if not is_there(path.parent / name) and (coloured or kind != ".obj"):
             raise UserError(f"{path}: refers to {name}, which is missing; put it next to the model or export it again")
     with _told_as_unreadable(path):
         check_embedded(path, data, scene)

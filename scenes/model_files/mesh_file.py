@@ -94,11 +94,25 @@ class MeshFile:
         """The structure in one plain material: its geometry without the time of painting."""
         return self._of(lambda: materials.UNPAINTED)
 
+    def shape(self) -> Structure:
+        """The structure without its parts to be drawn: an OBJ file's materials are not read, and may be missing.
+
+        UserError as `build`.
+        """
+        return self._shaped(read(Path(self.path), coloured=False))[0]
+
     def _of(self, painted: Callable[[], Material]) -> BuiltStructure:
+        structure, pieces = self._shaped(read(Path(self.path)))
+        bare = painted()
+        drawn = [piece for piece in (piece.without_flat() for piece in pieces) if len(piece.triangles)]
+        return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in drawn))
+
+    def _shaped(self, given: list[Loaded]) -> tuple[Structure, list[Loaded]]:
+        """The structure of a file's pieces, and these in its place; UserError naming the file and the defect."""
         path = Path(self.path)
         if path.suffix.lower() == ".ifc" and self.unit != "m":
             raise UserError(f'{path}: IFC names its own unit, and is read in metres; delete unit = "{self.unit}"')
-        pieces = _in_agreement([self._placed(piece) for piece in read(path)])
+        pieces = _in_agreement([self._placed(piece) for piece in given])
         vertices, triangles = _whole(pieces)
         check(path, vertices, triangles, allow_open=self.allow_open)
         if not self.keep_origin:
@@ -120,9 +134,7 @@ class MeshFile:
                 f"{path}: no edge is left for trackers; lower crease_angle_deg ({self.crease_angle_deg}) or "
                 f"min_edge_m ({self.min_edge_m})"
             )
-        bare = painted()
-        drawn = [piece for piece in (piece.without_flat() for piece in pieces) if len(piece.triangles)]
-        return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in drawn))
+        return structure, pieces
 
     def _placed(self, piece: Loaded) -> Loaded:
         y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))
@@ -130,8 +142,11 @@ class MeshFile:
         return turned.flipped() if self.flip else turned
 
 
-def read(path: Path) -> list[Loaded]:
-    """Pieces of a model file in its own unit and axes; UserError when it cannot be read."""
+def read(path: Path, *, coloured: bool = True) -> list[Loaded]:
+    """Pieces of a model file in its own unit and axes; UserError when it cannot be read.
+
+    coloured: with the materials of an OBJ file, which must be there then.
+    """
     kind = path.suffix.lower()
     if kind == ".cao":
         return [read_cao(path)]
@@ -143,7 +158,7 @@ def read(path: Path) -> list[Loaded]:
     data = read_bytes(path, MODEL)
     data = data.removeprefix(BOM_UTF8) if kind in (".obj", ".off") else data  # the first line would be unknown
     data = with_plain_lines(path, data) if kind == ".obj" else data
-    check_file(path, data)
+    check_file(path, data, coloured=coloured)
     data = without_padding(data) if kind == ".stl" else data
     if kind == ".off":
         kind, data = ".obj", as_obj(path, data)
@@ -156,7 +171,7 @@ def read(path: Path) -> list[Loaded]:
 
     beside = ModelFolder(path.parent)
     try:
-        data = beside.with_materials(data) if kind == ".obj" else data
+        data = beside.with_materials(data, coloured) if kind == ".obj" else data
         if beside.textures:
             check_texture_places(plain, beside.textures)
         with _without_tracebacks(trimesh.util.log):

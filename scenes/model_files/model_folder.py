@@ -32,10 +32,13 @@ class ModelFolder(Resolver):
         self.textures: dict[str, TextureMap] = {}
         self._materials = b""
 
-    def with_materials(self, data: bytes) -> bytes:
-        """An OBJ file's content for trimesh, with its libraries as one; UserError for one that cannot be read."""
+    def with_materials(self, data: bytes, coloured: bool) -> bytes:
+        """An OBJ file's content for trimesh, with its libraries as one, or with none where it needs no colours.
+
+        UserError for a library that cannot be read.
+        """
         texts = []
-        for library in libraries(data, partial(is_beside, self.folder)):
+        for library in libraries(data, partial(is_beside, self.folder)) if coloured else ():
             text = read_library(self.folder, library)
             self.textures |= textures_by_material(text)
             texts.append(with_plain_names(text, partial(found_texture, self.folder, library)))

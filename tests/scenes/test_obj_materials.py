@@ -8,6 +8,7 @@ from PIL import Image
 from uavbench.scenes.model_files.mesh_file import MeshFile, read
 from uavbench.scenes.model_files.obj.materials import TextureMap, texture_map
 from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.tracker.images.track_images import load_model
 from uavbench.trajectories.errors import UserError
 
 SHADE = 77
@@ -197,3 +198,25 @@ def test_a_texture_of_faces_that_have_no_place_in_it_is_left_out(tmp_path):
     written(tmp_path, "map_Kd wall.png")
     (tmp_path / "a.obj").write_text((tmp_path / "a.obj").read_text().replace(FACE, "f 1 2 3\nf 1//1 2//1 3//1"))
     assert [piece.texture for piece in read(tmp_path / "a.obj")] == [None]
+
+
+def test_a_structure_without_colours_needs_no_material(tmp_path):
+    """The same structure, to the bit, with all materials, without the texture, and without the library."""
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    faces = "usemtl w\nf 1/1 3/3 2/2\nf 1/1 2/2 4/3\nusemtl other\nf 2/1 3/2 4/3\nf 1 4 3\n"
+    written(tmp_path, "map_Kd wall.png", "wall.png")
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{corners}{faces}")
+    (tmp_path / "a.mtl").write_text("newmtl w\nKd 0.5 0.5 0.5\nnewmtl other\nKd 1 0 0\n")
+    model = MeshFile(path=str(tmp_path / "a.obj"), keep_origin=True)
+    whole = model.build(np.random.default_rng(0)).structure
+    (tmp_path / "a.mtl").write_text("newmtl w\nmap_Kd none.png\n")
+    without_texture = model.shape()
+    (tmp_path / "a.mtl").unlink()
+    for shape in (without_texture, model.shape(), load_model(tmp_path / "a.obj")):
+        for name in ("vertices", "triangles", "triangle_face", "face_normals", "edges", "edge_faces"):
+            np.testing.assert_array_equal(getattr(shape, name), getattr(whole, name))
+    with pytest.raises(UserError, match=r"refers to a.mtl, which is missing"):
+        model.build(np.random.default_rng(0))
+    (tmp_path / "a.obj").write_text(f"mtllib ../a.mtl\n{corners}{faces}")
+    with pytest.raises(UserError, match="not in the folder of the model"):
+        model.shape()

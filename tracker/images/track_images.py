@@ -149,7 +149,7 @@ def load_model(path: Path) -> Structure:
         MeshFile,  # lazy: a vehicle with a ready structure does not need the readers
     )
 
-    return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
+    return MeshFile(path=str(path), keep_origin=True, allow_open=True).shape()
 
 
 def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[StampedImage]:
