@@ -18,6 +18,7 @@ from uavbench.bench.challenge.organizer import Challenge
 from uavbench.bench.external.job_folder import write_frames, write_known, write_sensors
 from uavbench.scenes.dataset.body import body_of
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import ANEW
 from uavbench.scenes.image_files import load_image
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.run import initial_pose, stride
@@ -86,7 +87,7 @@ def bare_png(path: Path) -> bytes:
     """
     done, encoded = cv2.imencode(".png", load_image(path, cv2.IMREAD_UNCHANGED))
     if not done:
-        raise UserError(f"{path}: cannot be encoded as PNG; render the sequence again")
+        raise UserError(f"{path}: cannot be encoded as PNG; {ANEW}")
     return encoded.tobytes()
 
 

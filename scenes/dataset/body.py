@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import read_readings, read_records
+from uavbench.scenes.dataset.table_files import ANEW, read_readings, read_records
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.tables import column_names
@@ -133,9 +133,7 @@ def _gimbal_of(sequence: Sequence) -> Gimbal:
         x, y, z = map(float, about["offset_m"])
         return Gimbal(axes=axes, yaw_deg=float(about["yaw_deg"]), offset_m=(x, y, z))
     except (KeyError, ValueError, TypeError) as error:
-        raise UserError(
-            f"{sequence.folder / 'sequence.json'}: sensors: {name}: {error}; render the sequence again"
-        ) from None
+        raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: {name}: {error}; {ANEW}") from None
 
 
 def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
@@ -147,14 +145,14 @@ def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
     records = read_records(path)
     stamps = records["stamp_ns"]
     if (np.diff(stamps) <= 0).any():
-        raise UserError(f"{path}: its stamps do not increase; render the sequence again")
+        raise UserError(f"{path}: its stamps do not increase; {ANEW}")
     return Samples(stamps, np.column_stack([records[column] for column in sensor.columns]))
 
 
 def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
     sensors = sequence.info.get("sensors", {})
     if not (isinstance(sensors, dict) and all(isinstance(about, dict) for about in sensors.values())):
-        raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: expected tables by file; render it again")
+        raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: expected tables by file; {ANEW}")
     folder = sequence.body_folder
     for path in sorted((*folder.glob("*.csv"), *folder.glob("*.npy"))):
         about = sensors.get(path.name, {})

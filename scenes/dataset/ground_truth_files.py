@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.dataset.table_files import read_integers, read_numbers
+from uavbench.scenes.dataset.table_files import ANEW, read_integers, read_numbers
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY, LARGEST_COORDINATE_M
 from uavbench.trajectories.files.reading import opened
@@ -70,9 +70,9 @@ def read_ground_truth(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
     table = read_numbers(path, GROUND_TRUTH_COLUMNS)
     if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
         row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
-        raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
+        raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; {ANEW}")
     if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], stamps_ns):
-        raise UserError(f"{folder / 'groundtruth.csv'}: its stamps differ from those of frames.csv; render it again")
+        raise UserError(f"{folder / 'groundtruth.csv'}: its stamps differ from those of frames.csv; {ANEW}")
     return table
 
 
@@ -81,10 +81,10 @@ def read_mounts(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
     path = folder / MOUNTS_FILE
     table = read_numbers(path, MOUNTS_COLUMNS[2:9])
     if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], stamps_ns):
-        raise UserError(f"{path}: its stamps differ from those of frames.csv; render the sequence again")
+        raise UserError(f"{path}: its stamps differ from those of frames.csv; {ANEW}")
     turned = np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1) <= 1e-6
     if not (turned & (np.abs(table) <= LARGEST_COORDINATE_M).all(axis=1)).all():
-        raise UserError(f"{path}: has a row that is not a pose; render the sequence again")
+        raise UserError(f"{path}: has a row that is not a pose; {ANEW}")
     return table
 
 
@@ -110,8 +110,8 @@ def read_row_poses(folder: Path, frames: int, height: int) -> Array:
     try:
         found = np.lib.format.open_memmap(path, mode="r")
     except (ValueError, SyntaxError, TypeError, OverflowError) as error:
-        raise UserError(f"{path}: not an array of poses: {error}; render the sequence again") from None
+        raise UserError(f"{path}: not an array of poses: {error}; {ANEW}") from None
     expected = (frames, height, 7)
     if found.shape != expected or found.dtype != np.float64:
-        raise UserError(f"{path}: is {found.shape} {found.dtype}, not {expected} float64; render the sequence again")
+        raise UserError(f"{path}: is {found.shape} {found.dtype}, not {expected} float64; {ANEW}")
     return found

@@ -19,6 +19,7 @@ The world frame is the structure's frame: metres, z up.
 
 import hashlib
 import json
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,7 +37,7 @@ from uavbench.scenes.dataset.ground_truth_files import MOUNTS_FILE, read_ground_
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.surfaces.annotation_images import annotation_file, mask_of, samples_of
 from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
-from uavbench.scenes.dataset.table_files import check_info, frame_stamps_ns, image_files, read_json, read_numbers
+from uavbench.scenes.dataset.table_files import ANEW, check_info, frame_stamps_ns, image_files, read_json, read_numbers
 from uavbench.scenes.image_files import read_image
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
@@ -137,7 +138,7 @@ class Sequence:
         """The further cameras by name, each as a sequence of its own images, annotations and poses."""
         table = self.info.get("cameras", {})
         if not (isinstance(table, dict) and all(isinstance(about, dict) for about in table.values())):
-            raise UserError(f"{self.folder / 'sequence.json'}: `cameras` is not a table of tables; render it again")
+            raise UserError(f"{self.folder / 'sequence.json'}: `cameras` is not a table of tables; {ANEW}")
         return MappingProxyType({name: self._camera(name, about) for name, about in table.items()})
 
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
@@ -177,7 +178,7 @@ class Sequence:
     def _said(self, key: str) -> Any:
         """Value of a key of `sequence.json`; UserError where it is missing."""
         if key not in self.info:
-            raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; render the sequence again")
+            raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; {ANEW}")
         return self.info[key]
 
     def _pose(self, key: str) -> Pose:
@@ -217,7 +218,7 @@ class Sequence:
         try:
             return Trajectory(self.stamps_ns, table[:, 2:5], table[:, 5:9])
         except ValueError as error:
-            raise UserError(f"{self.folder / 'groundtruth.csv'}: {error}; render the sequence again") from None
+            raise UserError(f"{self.folder / 'groundtruth.csv'}: {error}; {ANEW}") from None
 
     @cached_property
     def ground_truth_table(self) -> Array:
@@ -324,10 +325,18 @@ def open_sequence(folder: str | Path) -> Sequence:
     A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.ground_truth`, the true
     `world_from_body` of all frames; each `Frame` has `.image` (h, w, 3) BGR, `.stamp_ns`, `.cam_from_world`,
     `.world_from_body`, `.depth_m` (h, w), `.mask` (h, w), `.edges` (n, 7). UserError naming the file that is missing
-    or invalid.
+    or invalid; UserWarning for images that are missing, as in a folder that was copied without them.
 
     >>> sequence = open_sequence(folder / "sequences" / "drawn-s0")
     >>> [frame.image.shape == (240, 320, 3) for frame in sequence][:2], len(sequence.ground_truth) == len(sequence)
     ([True, True], True)
     """
-    return Sequence.load(given_path("folder", folder))
+    sequence = Sequence.load(given_path("folder", folder))
+    missing = [name for name in sequence.files if not (sequence.folder / name).is_file()]
+    if missing:
+        warnings.warn(
+            f"{sequence.folder}: {len(missing)} of its {len(sequence)} images are missing, the first one {missing[0]}: "
+            f"poses can be read, and no image; {ANEW}",
+            stacklevel=2,
+        )
+    return sequence

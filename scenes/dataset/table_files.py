@@ -36,6 +36,8 @@ POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")
 LONGEST_NS = 10**18
 """Largest delay or clock shift in ns: thirty years."""
+ANEW = "copy the folder again, or render or import it again"
+"""What to do about a sequence's file that is not as it was written, which may have come from elsewhere."""
 SHOWN = 60
 """Most characters of an invalid value that an error message quotes."""
 
@@ -125,7 +127,7 @@ def read_records(path: Path) -> NDArray[np.void]:
             raise ValueError("its size does not match its header")
         return np.frombuffer(data, dtype=kind)
     except (ValueError, SyntaxError, TypeError, OverflowError) as error:
-        raise UserError(f"{path}: not an array of readings: {error}; render the sequence again") from None
+        raise UserError(f"{path}: not an array of readings: {error}; {ANEW}") from None
 
 
 def image_files(folder: Path) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.sequence import EDGE_COLUMNS
-from uavbench.scenes.dataset.table_files import format_of, read_json, read_numbers
+from uavbench.scenes.dataset.table_files import ANEW, format_of, read_json, read_numbers
 from uavbench.scenes.image_files import load_image
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY
@@ -55,7 +55,15 @@ class Verdict:
 
 
 def write_manifest(folder: Path) -> None:
-    """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted."""
+    """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted.
+
+    UserError where there is one, which may tell of files that were changed since.
+    """
+    if (folder / "manifest.json").exists():
+        raise UserError(
+            f"{folder / 'manifest.json'}: exists; `uavbench verify {folder}` tells what has changed since it was "
+            "written, and once it is deleted a new one can be written of the files as they are"
+        )
     hashes = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != "manifest.json"}
     write_text(folder / "manifest.json", json.dumps({"sha256": hashes}, indent=1) + "\n")
 
@@ -79,7 +87,7 @@ def verify(folder: Path) -> Verdict:
         if name not in there:
             problems.append(f"{name}: is missing")
         elif file_hash(folder / name) != digest:
-            problems.append(f"{name}: has changed since it was rendered")
+            problems.append(f"{name}: has changed since it was written")
     return Verdict(folder, "hash", len(named), tuple(problems))
 
 
@@ -118,7 +126,7 @@ def compare(folder: Path, again: Path) -> Verdict:
 def _manifest(folder: Path) -> dict[str, str]:
     named = read_json(folder / "manifest.json").get("sha256")
     if not isinstance(named, dict):
-        raise UserError(f"{folder / 'manifest.json'}: has no hashes; render the sequence again")
+        raise UserError(f"{folder / 'manifest.json'}: has no hashes; {ANEW}")
     return {str(name): str(digest) for name, digest in named.items()}
 
 

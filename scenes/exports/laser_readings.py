@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.table_files import read_records
+from uavbench.scenes.dataset.table_files import ANEW, read_records
 from uavbench.scenes.exports.notes import sensors_of, tables_with
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
@@ -49,9 +49,7 @@ class Laser:
 
     def mistake(self, what: str) -> UserError:
         """Error that names the record of the sensor."""
-        return UserError(
-            f"{self.sequence.body_folder / 'sequence.json'}: sensors: {self.file}: {what}; render the sequence again"
-        )
+        return UserError(f"{self.sequence.body_folder / 'sequence.json'}: sensors: {self.file}: {what}; {ANEW}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Any
 
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import ANEW
 from uavbench.trajectories.camera_mount import MAIN
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
@@ -47,7 +48,7 @@ def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     """Parameters of each body sensor of a sequence by the file of its readings; UserError when it cannot be read."""
     sensors = sequence.info.get("sensors", {})
     if not (isinstance(sensors, dict) and all(isinstance(sensor, dict) for sensor in sensors.values())):
-        raise UserError(f"{sequence.folder / 'sequence.json'}: `sensors` is not a table of tables; render it again")
+        raise UserError(f"{sequence.folder / 'sequence.json'}: `sensors` is not a table of tables; {ANEW}")
     for name in sensors:
         inside(sequence.body_folder, name)
     return sensors

@@ -10,6 +10,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import ANEW
 from uavbench.scenes.exports.bop import export_bop
 from uavbench.scenes.exports.colmap import export_colmap
 from uavbench.scenes.exports.croissant import write_croissant
@@ -85,7 +86,7 @@ def export(
             held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
             not_held = write_notes(sequence, format, new, held, undistort)
         except (ValueError, TypeError, OverflowError) as error:  # invalid numbers, missing poses, unordered stamps
-            raise UserError(f"{sequence.folder}: has data that cannot be exported: {error}; render it again") from error
+            raise UserError(f"{sequence.folder}: has data that cannot be exported: {error}; {ANEW}") from error
         write_croissant(sequence, new, held, not_held)
         return not_held
 

@@ -208,7 +208,7 @@ def test_verify_finds_what_was_changed(sequence: Sequence, tmp_path: Path) -> No
     assert verdict.problems == (
         "extra.txt: is not in the manifest",
         "frames/000001.png: is missing",
-        "groundtruth.csv: has changed since it was rendered",
+        "groundtruth.csv: has changed since it was written",
     )
 
 
@@ -252,7 +252,7 @@ def test_a_folder_that_changed_is_not_the_rendering_that_its_manifest_names(sequ
     shutil.copytree(sequence.folder, again)
     (again / "imu.csv").unlink()
     (again / "groundtruth.csv").write_text("changed\n", encoding="utf-8")
-    told = ("imu.csv: is missing", "groundtruth.csv: has changed since it was rendered")
+    told = ("imu.csv: is missing", "groundtruth.csv: has changed since it was written")
     assert sorted(compare(again, sequence.folder).problems) == sorted(told)
     assert sorted(compare(sequence.folder, again).problems) == sorted(f"{again}: {each}" for each in told)
 

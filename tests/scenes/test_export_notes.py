@@ -77,7 +77,7 @@ def test_sensors_that_are_none_are_refused(made: Sequence, tmp_path: Path) -> No
 
 def test_what_cannot_be_exported_is_named_and_nothing_is_left(made: Sequence, tmp_path: Path) -> None:
     broken = replace(made, info={**made.info, "row_delay_ns": "soon"})
-    with pytest.raises(UserError, match=r"has data that cannot be exported: .*; render it again"):
+    with pytest.raises(UserError, match=r"has data that cannot be exported: .*; copy the folder again, or"):
         export(broken, "tum", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
