@@ -88,11 +88,14 @@ SIMULATED = {
         "site, nor for training models that recognize people."
     ),
     "rai:personalSensitiveInformation": "None: people in the scene, where there are any, are synthetic figures.",
+    "rai:dataReleaseMaintenancePlan": (
+        "The config and seed in the sequence reproduce it; see the reproducibility page of uavbench."
+    ),
     "rai:dataSocialImpact": "Localization serves inspection; the same methods could serve surveillance by drones.",
 }
 RECORDED = {
     "rai:dataCollection": "Images provided by their author and copied by uavbench.",
-    "rai:dataCollectionType": ["Direct measurement"],
+    "rai:dataCollectionType": ["Others"],
     "rai:personalSensitiveInformation": "Not known to uavbench: to be described by the publisher of the images.",
     "rai:dataUseCases": "Comparison of trackers that localize a camera against a known model.",
 }
@@ -114,9 +117,6 @@ def write_croissant(sequence: Sequence, folder: Path, held: Held, not_held: Iter
         "recordSet": [_images(each) for each in sets],
         **(RECORDED if sequence.own_images else SIMULATED),
         "rai:dataLimitations": list(not_held) or ["None beyond those of the sequence, all of which is exported."],
-        "rai:dataReleaseMaintenancePlan": (
-            "The config and seed in the sequence reproduce it; see the reproducibility page of uavbench."
-        ),
     }
     write_text(folder / CROISSANT, json.dumps(about, indent=1) + "\n")
 

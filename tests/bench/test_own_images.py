@@ -16,6 +16,7 @@ from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.dataset.ground_truth_files import states_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import verify
+from uavbench.scenes.exports.registry import export
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
@@ -88,6 +89,20 @@ def test_an_imported_sequence_is_one_with_ground_truth(imported, trial, poses):
     assert again.content_hash == made.content_hash
     with pytest.raises(UserError, match="exists, and is not overwritten; name a new folder"):
         imported(poses)
+
+
+def test_exports_claim_nothing_of_a_simulation(imported, poses, tmp_path):
+    made = imported(poses)
+    for form in ("tum", "euroc"):
+        export(made, form, tmp_path / form)
+    about = json.loads((tmp_path / "tum" / "croissant.json").read_text())
+    assert about["rai:dataCollectionType"] == ["Others"]
+    assert "rai:dataReleaseMaintenancePlan" not in about, "no config reproduces the images"
+    readme = (tmp_path / "euroc" / "README.md").read_text()
+    assert "at each image" in readme and "100 Hz" not in readme
+    states = np.loadtxt(tmp_path / "euroc/mav0/state_groundtruth_estimate0/data.csv", delimiter=",")
+    assert np.allclose(states[:, 1:4], poses.positions_m)
+    assert ub.evaluate(tmp_path / "tum", made.folder / "groundtruth.csv", mount=made.folder).coverage == 1
 
 
 def test_poses_of_a_body_have_its_camera(imported, trial):
