@@ -16,6 +16,11 @@ from uavbench.trajectories.trajectory import Trajectory
 
 MOST_IN_VIEW, MOST_ON_EDGES = 60, 8
 """Images, evenly spread, in which the model is looked for, and with whose edges its own are compared."""
+MISPLACED = 0.3
+"""Share of the model's edges on edges of the images below which poses are doubted by themselves.
+
+At the true poses of 46 rendered flights it is 0.37 (behind people) to 0.96.
+"""
 HALF_TURN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """About the camera's x axis: between the axes of OpenGL (y up, z backward) and of OpenCV."""
 FORWARD = Pose(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
@@ -92,7 +97,11 @@ def doubts_of_edges(name: str, seen: Seen) -> list[str]:
     head = f"{name}: at these poses {100 * given:.0f} % of the model's edges lie on edges of the images"
     if better := _better(seen, given):
         return [f"{head}, and {better}: correct the poses"]
-    return [f"{head}: are stamps, camera and model those of these images? All errors are against these poses"]
+    return (
+        []
+        if given >= MISPLACED
+        else [f"{head}: are stamps, camera and model those of these images? All errors are against these poses"]
+    )
 
 
 def _better(seen: Seen, given: float) -> str:

@@ -179,7 +179,7 @@ def test_poses_of_elsewhere_are_told(imported, trial):
 
 
 def test_poses_beside_the_edges_of_the_images_are_doubted(imported, trial):
-    beside = of_cameras(trial, lambda pose: Pose.exp(np.array([0, 0, 0.1, 0, 0, 0.1])) @ pose)
+    beside = of_cameras(trial, lambda pose: Pose.exp(np.array([0, 0, 0.3, 0, 0, 0])) @ pose)
     with pytest.raises(UserWarning, match="% of the model's edges lie on edges of the images: are stamps, camera"):
         imported(beside)
 
