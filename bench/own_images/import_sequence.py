@@ -10,7 +10,8 @@ import numpy as np
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.own_images.true_poses import rate_of, true_poses
 from uavbench.reports.evaluation.trajectory_input import found_in
-from uavbench.scenes.camera import Camera, implausible
+from uavbench.scenes.calibrations.camera_plausibility import implausible
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.structure import Structure
