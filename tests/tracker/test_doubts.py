@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
-from uavbench.tracker.robust import decision as decision_module
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.decision import decider as decision_module
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.fit.pose_fit import CERTAIN, Fit

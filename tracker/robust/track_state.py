@@ -1,8 +1,8 @@
 """State of a run of `robust` after its frames so far, and the support required of the next one."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from math import log10
 from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
@@ -11,6 +11,7 @@ from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErr
 from uavbench.tracker.robust.near_poses import log10_poses_as_near
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Contender, Likely
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
+from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
 from uavbench.trajectories.pose import Pose
 
 
@@ -39,6 +40,11 @@ class TrackState:
     is_lost: bool = False
     hypotheses: tuple[Hypothesis, ...] = ()
     prediction_errors: PredictionErrors = field(default_factory=PredictionErrors)
+
+    @property
+    def ok_s(self) -> float:
+        """Stamp of the last frame that was ok, s; NaN before the first."""
+        return math.nan if self.ok_ns is None else self.ok_ns * 1e-9
 
     @property
     def is_first(self) -> bool:
@@ -72,15 +78,31 @@ class TrackState:
     def reach(self, dt_s: float) -> tuple[Motion, ...]:
         """Where the camera may be, dt_s after the last frame that was ok, whatever frames since then suggested."""
         predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
-        predicted = self.spread(Likely(predicted), dt_s).predicted
+        predicted = self.spread(Likely(predicted), dt_s, self.usual_rate_1_s).predicted
         return predicted, replace(predicted, cam_from_world=self.motion.cam_from_world)
 
-    def spread(self, likely: Likely, after_s: float) -> Likely:
-        """A prediction so long after its last pose, with what a forgotten velocity leaves unknown."""
+    @property
+    def usual_rate_1_s(self) -> float:
+        """Standard deviation of a forgotten velocity, in ranges/s and rad/s: by the one assumed, and by the last one.
+
+        Each counts as the squares of six unknowns.
+        """
+        assumed, last = self.config.motion.initial_rate_1_s, self.motion.mean_velocity
+        if last is None:
+            return assumed
+        squares = float(last[:3] @ last[:3]) / self.range_m**2 + float(last[3:] @ last[3:])
+        return math.sqrt((UNKNOWNS * assumed**2 + squares) / (2 * UNKNOWNS))
+
+    def spread(self, likely: Likely, after_s: float, rate_1_s: float | None = None) -> Likely:
+        """A prediction so long after its last pose, with what a forgotten velocity leaves unknown.
+
+        rate_1_s: standard deviation of that velocity, in ranges/s and rad/s; None for the one assumed.
+        """
         unknown_s = after_s - self.config.motion.memory_s
         if unknown_s <= 0.0:
             return likely
-        wider = isotropic_covariance(unknown_s * self.config.motion.initial_rate_1_s, self.range_m)
+        rate_1_s = self.config.motion.initial_rate_1_s if rate_1_s is None else rate_1_s
+        wider = isotropic_covariance(unknown_s * rate_1_s, self.range_m)
         predicted = replace(likely.predicted, covariance=likely.predicted.covariance + wider)
         return Likely(predicted, likely.worth)
 
@@ -110,16 +132,16 @@ class TrackState:
         Landmarks tell where to look, and are nothing that the model's edges have in common with chance.
         """
         if not landmarks:
-            return max(log10(HYPOTHESES), log10(SEARCHED_POSES))
+            return max(math.log10(HYPOTHESES), math.log10(SEARCHED_POSES))
         known = isotropic_covariance(self.config.relocalization.found_sigma, self.range_m)
         apart_px = self.config.solver.estimator.last_width_px
         near = [log10_poses_as_near(fit, Motion(pose, known), apart_px) for pose in landmarks]
-        return max(log10(HYPOTHESES), min([log10(SEARCHED_POSES), *near]))
+        return max(math.log10(HYPOTHESES), min([math.log10(SEARCHED_POSES), *near]))
 
     def is_by_chance(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
         """Whether chance explains a fit, among the poses of a search or, without one, those as near to a prediction."""
         enough, apart_px = 0.0 if self.is_first else SURE, self.config.solver.estimator.last_width_px
-        if fit.chance.whole + log10(SEARCHED_POSES) < enough:  # a track has no more of them than a search
+        if fit.chance.whole + math.log10(SEARCHED_POSES) < enough:  # a track has no more of them than a search
             return False
         return searched or fit.chance.whole + log10_poses_as_near(fit, predicted, apart_px) >= SURE
 
@@ -152,7 +174,7 @@ class TrackState:
         """
         if not self.is_expected(fit, predicted):
             return False
-        loss, log10_nfa = self.config.loss, fit.chance.edges + log10(poses)
+        loss, log10_nfa = self.config.loss, fit.chance.edges + math.log10(poses)
         if recent and fit.edge_support >= loss.min_support and log10_nfa < SURE:
             return True
         as_near = log10_poses_as_near(fit, predicted, self.config.solver.estimator.last_width_px)

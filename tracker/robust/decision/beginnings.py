@@ -10,6 +10,7 @@ from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.relocalization.look_alikes import Verdict
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 
@@ -31,9 +32,14 @@ class Beginnings:
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
 
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the pose is doubted, or not told yet from others at which the structure looks alike."""
+        return not self.doubts.settled or self.before is not None
+
     def give_up_doubted(self, before: Photometry) -> Photometry:
         """Return from a doubted pose to what was known before, or the initial pose, and to the photometry from then."""
-        if self.doubts.settled:
+        if not self.in_doubt:
             return before
         self.doubts.end()
         self.found_edges.forget()
@@ -54,7 +60,7 @@ class Beginnings:
 
         What the structure looks like from there may not be known, so that support is compared with nothing.
         """
-        if not (self.doubts.settled and self.doubts.without_memory().has_room_for(1)):
+        if self.in_doubt or not self.doubts.without_memory().has_room_for(1):
             return None
         with clock.stage("relocalize"):
             anew = self.doubts.anew(frame.image, fit, self.state.range_m)
@@ -91,6 +97,18 @@ class Beginnings:
 
     def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
+        if self.doubts.settled:
+            return fit
         with clock.stage("relocalize"):
             better = self.doubts.better(frame.image, fit, self.state.range_m)
         return fit if better is None else self.begun_at(better, clock)
+
+    def placed(self, fit: Fit, told: Verdict | None, clock: StageClock) -> Fit:
+        """The fit, or the one that leads it of those at look-alikes, at which the run begins again; no more in doubt.
+
+        told: None if the structure looks alike nowhere else within reach.
+        """
+        if told is not None and not told.leads:
+            return fit
+        self.before = None
+        return fit if told is None or told.fit is fit else self.begun_at(told.fit, clock)

@@ -16,7 +16,7 @@ from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
 from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
-from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost
+from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost, Verdict
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
@@ -25,6 +25,9 @@ from uavbench.tracker.stage_clock import StageClock
 SEARCH_EVERY = 8
 """Frames between searches that find nothing better, while support is sufficient: limits their time, where frames are so
 close together that their budget is the least one."""
+GAP_MEMORIES = 2.0
+"""Time between frames, in time constants of the velocity, after which a structure may be seen from another side: what a
+forgotten velocity leaves unknown is then more than what the last one tells."""
 MOST_GUESSES = 3
 """Hypotheses around whose predictions a pose is searched: limits the time that each of them takes."""
 
@@ -83,32 +86,39 @@ class Decider:
         anew = self.beginnings.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
             fit, settled, self.led = anew, True, False
-        if not settled or self.doubts.settled:
+        if not settled or not self.beginnings.in_doubt:
             others = found.contenders if best is found.fit else ()
             is_open, contenders = settled and self.is_open(fit), () if slid else others or (Contender(fit),)
             return Decision(fit, settled, found.rivalled, is_open=is_open, contenders=contenders)
         fit = self.beginnings.doubted(frame, fit, clock)
-        self.beginnings.before = None if self.doubts.settled else self.beginnings.before
+        before = self.beginnings.before
+        if before is not None and self.doubts.settled:
+            fit = self.beginnings.placed(fit, self.told(frame, fit, before.state, clock), clock)
         return Decision(fit, True, is_open=self.is_open(fit))
 
     def told_apart(self, frame: Frame, found: Decision, clock: StageClock) -> Decision:
-        """After a loss, the likeliest pose of those at which the structure looks as at the one found."""
+        """After a loss or a long gap, the likeliest pose of those at which the structure looks as at the one found."""
         state, fit = self.state, found.fit
-        known = fit.finite and self.doubts.settled and (found.settled or found.rivalled)
-        if state.is_first or not (state.is_lost and known):
+        known = fit.finite and not self.beginnings.in_doubt and (found.settled or found.rivalled)
+        anywhere = state.is_lost or frame.dt_s > GAP_MEMORIES * self.config.motion.memory_s
+        if state.is_first or not (anywhere and known):
             return found
-        with clock.stage("relocalize"):
-            seen = self.places.between_edges(self.relocator.reader, self.fitter.work)
-            lost = Lost(frame.image, state.reach(frame.dt_s), state.range_m, frame.likely, seen)
-            told = self.look_alikes.compared(lost, fit)
+        told = self.told(frame, fit, state, clock)
         if told is None:
             return found
         searched = found.searched or told.fit is not fit
         return Decision(told.fit, told.leads, not told.leads, searched, contenders=told.contenders)
 
+    def told(self, frame: Frame, fit: Fit, since: TrackState, clock: StageClock) -> Verdict | None:
+        """The likeliest pose of those at which the structure looks as at a fit, by the last pose of a state."""
+        with clock.stage("relocalize"):
+            seen = self.places.between_edges(self.relocator.reader, self.fitter.work)
+            reach = since.reach(self.fitter.now_s - since.ok_s)
+            return self.look_alikes.compared(Lost(frame.image, reach, since.range_m, frame.likely, seen), fit)
+
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
-        return not self.doubts.settled or 2.0 * fit.sigma > self.config.loss.accuracy
+        return self.beginnings.in_doubt or 2.0 * fit.sigma > self.config.loss.accuracy
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""

@@ -6,6 +6,7 @@ the run saw of the surface, and by their edges as if nothing had been learned.
 """
 
 from collections.abc import Sequence
+from math import log10
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,9 @@ EXPLAINED = 0.8
 pose all but what was found by chance. Measured on walls: 0.9 to 1; on bridges, from one girder or panel to another, 0.6
 to 0.85.
 """
+THE_SAME = 0.95
+"""Least part of what is found at each of two poses that the other one explains, so that they show the same edges: all
+but two of 48 points."""
 MOST_COMPARED = 16
 """Poses that are compared, the likeliest first: limits the time before a facade of many windows. Others count as not
 seen."""
@@ -61,12 +65,19 @@ class Verdict(NamedTuple):
     contenders: tuple[Contender, ...] = ()
 
 
+class Placed(NamedTuple):
+    """A pose at which a structure looks alike, and a fit there without memory."""
+
+    pose: RigidMotion
+    fit: Fit
+
+
 class LookAlikes:
     """Compares a fit with others at poses at which the structure looks alike."""
 
     def __init__(self, doubts: Doubts) -> None:
         self.doubts, self.relocator, self.fitter = doubts, doubts.relocator, doubts.fitter
-        self.config, self.awaited = self.fitter.config, 0
+        self.config, self.awaited, self.looks = self.fitter.config, 0, 0
 
     def taken(self) -> int:
         """Evaluations to be left for a comparison that the last frame had no room for, but those of two fits; once."""
@@ -76,41 +87,54 @@ class LookAlikes:
     def compared(self, lost: Lost, fit: Fit) -> Verdict | None:
         """The likeliest of a fit and those at poses where the structure looks as there; None if there are none.
 
-        Where the frame's budget is not enough the fit does not lead. Edges are compared where surfaces do not decide.
+        Where the frame's budget is not enough the fit does not lead. Edges are compared where surfaces do not decide: a
+        lead by chance is a hundred times as likely by the hundredth frame in a row that they leave undecided.
         """
         poses = self.poses(lost, fit)
         if len(poses) == 1:
+            self.looks = 0
             return None
         poses, others = poses[:MOST_COMPARED], poses[MOST_COMPARED:]
         looks = SHOWN + KnownSurfaces.cost(len(poses))
+        moves = self.relocator.rivals.cost_of_moves  # which was spent already
         if self.fitter.work.left < looks:
-            self.awaited = looks
+            self.awaited = moves + looks
             return self.undecided(lost, fit)
         rarity, whole, anew, best = self.by_surface(lost, poses), dict[int, float](), dict[int, Fit](), 0
-        while new := [k for k in as_likely(rarity, best) if k not in whole]:
+        likely = rarity + by_motion(lost, poses)
+        least = CLEARLY + log10(1 + self.looks)
+        while new := [k for k in as_likely(likely, best) if k not in whole]:
             if not self.doubts.without_memory().has_room_for(1):
-                self.awaited = looks + self.fitter.cost(len(anew) + 2)  # one tells more than this frame did
+                self.awaited = moves + looks + self.fitter.cost(len(anew) + 2)  # one tells more than this frame did
                 return self.undecided(lost, fit)
             k = new[0]
             anew[k] = self.anew(lost, poses[k])
-            whole[k] = rarity[k] - anew[k].chance.edges
-            if k != best and abs(whole[k] - whole[best]) < CLEARLY:
+            same = self.show_the_same(Placed(poses[best], anew[best]), Placed(poses[k], anew[k]))
+            whole[k] = likely[k] - anew[best if same else k].chance.edges
+            if k != best and abs(whole[k] - whole[best]) < (CLEARLY if same else least):
+                self.looks += 1
                 return self.undecided(lost, anew[best] if best else fit, anew[k])
             best = max(whole, key=whole.__getitem__)
         if others and rarity[best] < UNSEEN + CLEARLY:
             return self.undecided(lost, fit)
         if best and not self.fitter.has_room_for(1):
             return self.undecided(lost, anew[best], fit)
+        self.looks = 0
         return Verdict(self.at(lost, anew[best]) if best else fit, leads=True)
 
     def poses(self, lost: Lost, fit: Fit) -> list[RigidMotion]:
         """The pose of a fit, and those within reach at which the structure looks as there, the likeliest first."""
         pose, rivals = motion(fit.cam_from_world), self.relocator.rivals
-        shifts = rivals.similarity.shifts[rivals.shares(fit) >= EXPLAINED]
-        places = [RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in shifts]
-        chi2 = np.array([min(each.squared_mahalanobis(Pose(*place)) for each in lost.reach) for place in places])
+        places = [after(move, pose) for move in rivals.moves(fit, EXPLAINED)]
+        chi2 = squared_distances(lost, places)
         within = [places[k] for k in np.argsort(chi2, kind="stable") if chi2[k] <= RIVAL_CHI2]
         return distinct([pose, *within], lost.range_m, rivals.config.found_sigma)
+
+    def show_the_same(self, one: Placed, other: Placed) -> bool:
+        """Whether all that is found at each of two poses is explained by the other one, so that edges tell nothing."""
+        rivals = self.relocator.rivals
+        both = (one, other), (other, one)
+        return all(rivals.explains(moved(there.pose, here.pose), here.fit, THE_SAME) for here, there in both)
 
     def by_surface(self, lost: Lost, poses: list[RigidMotion]) -> Array:
         """Powers of ten (k,) by which chance does not explain what the surface looks like from poses."""
@@ -141,7 +165,28 @@ class LookAlikes:
         return Verdict(fit, leads=False, contenders=tuple(each for each in contenders if each.fit.finite))
 
 
-def as_likely(rarity: Array, best: int) -> list[int]:
-    """The best of poses with a rarity (k,), and those that it does not clearly lead; none where it leads all."""
-    close = [k for k in range(len(rarity)) if k != best and rarity[k] > rarity[best] - CLEARLY]
+def squared_distances(lost: Lost, poses: Sequence[RigidMotion]) -> Array:
+    """Squared Mahalanobis distances (k,) of poses from the nearest place where the camera may be."""
+    return np.array([min(each.squared_mahalanobis(Pose(*pose)) for each in lost.reach) for pose in poses])
+
+
+def by_motion(lost: Lost, poses: Sequence[RigidMotion]) -> Array:
+    """Powers of ten (k,) by which poses are likely before the image: those of a normal density, but a constant."""
+    return np.asarray(-0.5 * squared_distances(lost, poses) / np.log(10.0))
+
+
+def after(move: RigidMotion, pose: RigidMotion) -> RigidMotion:
+    """The pose at which a structure looks, moved so, as it looks at a pose."""
+    R = pose.R @ move.R.T
+    return RigidMotion(R, pose.t - R @ move.t)
+
+
+def moved(there: RigidMotion, here: RigidMotion) -> RigidMotion:
+    """How a structure is moved that looks from there as it looks from here."""
+    return RigidMotion(there.R.T @ here.R, there.R.T @ (here.t - there.t))
+
+
+def as_likely(likely: Array, best: int) -> list[int]:
+    """The best of poses so likely (k,), and those that it does not clearly lead; none where it leads all."""
+    close = [k for k in range(len(likely)) if k != best and likely[k] > likely[best] - CLEARLY]
     return [best, *close] if close else []

@@ -17,7 +17,7 @@ from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Ranking, Sought
 from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
-from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
+from uavbench.tracker.robust.relocalization.self_similarity import STILL, SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
@@ -49,6 +49,13 @@ class SharedPoints(NamedTuple):
     parts: Array
 
 
+class OnEdges(NamedTuple):
+    """Points (n, 3) on edges, and the unit directions (n, 3) of these."""
+
+    points: Array
+    along: Array
+
+
 class Rivals:
     """Finds and fits the rivals of fits."""
 
@@ -68,6 +75,12 @@ class Rivals:
     def cost(self) -> int:
         """Evaluations in which the rivals of a fit are found."""
         return len(self.similarity.shifts) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling
+
+    @property
+    def cost_of_moves(self) -> int:
+        """Evaluations in which the moves that explain a fit are found."""
+        tried = (1 + len(self.similarity.turns)) * (1 + len(self.similarity.shifts))
+        return tried * SHARED * SHARED_EVALUATIONS
 
     def awaited(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> int:
         """Number of rivals for which a search leaves room.
@@ -191,12 +204,25 @@ class Rivals:
 
         Of a wrong pose it is all; of what was not found there, the true one may show nothing.
         """
+        return self.similarity.shares(*self.some_found(fit))
+
+    def moves(self, fit: Fit, least: float) -> list[RigidMotion]:
+        """Shifts and turns of the structure that explain at least this part of what was found as well."""
+        self.fitter.work.done += self.cost_of_moves
+        return self.similarity.moves(*self.some_found(fit), least)
+
+    def explains(self, move: RigidMotion, fit: Fit, least: float) -> bool:
+        """Whether a move of the structure explains at least this part of what was found as well."""
+        return bool(self.similarity.moved(move, *self.some_found(fit), least, STILL))
+
+    def some_found(self, fit: Fit) -> OnEdges:
+        """Some of the control points that a search found, spread over all of them."""
         if fit.searched is None:
-            return np.zeros(len(self.similarity.shifts))
+            return OnEdges(np.zeros((0, 3)), np.zeros((0, 3)))
         points, found = fit.searched.problem.points.points, fit.searched.found.estimate.weighting.weight > 0
         some = np.flatnonzero(found)
         some = some[np.linspace(0, len(some) - 1, min(len(some), SHARED)).round().astype(np.int64)]
-        return self.similarity.shares(points[some], self.along(fit.searched)[some])
+        return OnEdges(points[some], self.along(fit.searched)[some])
 
     def look_alike(self, fit: Fit, other: Fit, range_m: float) -> bool:
         """Whether what was found at a fit is explained by another one as well, a shift of the structure away."""
