@@ -1,6 +1,6 @@
 """Tasks of a suite: render, track, restart, score, report, and fly; each reads and writes files."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from uavbench.bench.runner.graph import OnStep
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
-from uavbench.tracker.images.recorded_sequence import RecordingSpec, record
+from uavbench.tracker.images.recorded_sequence import GroundTruth, Recording, RecordingSpec, record
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import Results, evaluated_poses
@@ -30,6 +30,13 @@ def has_ground_truth(spec: Spec) -> bool:
     return isinstance(spec, SequenceSpec) or bool(spec.ground_truth_file)
 
 
+def known_poses(spec: RecordingSpec) -> Callable[[Recording], GroundTruth]:
+    """What finds the true poses of a recording; jobs of one without them read none of its modules."""
+    from uavbench.bench.own_images.true_poses import ground_truth_of
+
+    return partial(ground_truth_of, spec)
+
+
 @dataclass(frozen=True)
 class Render:
     """Render one sequence, or import a recorded one."""
@@ -40,9 +47,7 @@ class Render:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the sequence folder."""
         if isinstance(self.spec, RecordingSpec):
-            from uavbench.bench.own_images.true_poses import ground_truth_of
-
-            truth = partial(ground_truth_of, self.spec) if self.spec.ground_truth_file else None
+            truth = known_poses(self.spec) if self.spec.ground_truth_file else None
             record(self.spec, self.folder, content_hash=content_hash, ground_truth=truth, on_frame=on_step)
             return
         from uavbench.scenes.generate import generate

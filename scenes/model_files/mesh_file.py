@@ -99,20 +99,20 @@ class MeshFile:
 
         UserError as `build`.
         """
-        return self._shaped(read(Path(self.path), coloured=False))[0]
+        return self._shaped(coloured=False)[0]
 
     def _of(self, painted: Callable[[], Material]) -> BuiltStructure:
-        structure, pieces = self._shaped(read(Path(self.path)))
+        structure, pieces = self._shaped()
         bare = painted()
         drawn = [piece for piece in (piece.without_flat() for piece in pieces) if len(piece.triangles)]
         return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in drawn))
 
-    def _shaped(self, given: list[Loaded]) -> tuple[Structure, list[Loaded]]:
-        """The structure of a file's pieces, and these in its place; UserError naming the file and the defect."""
+    def _shaped(self, *, coloured: bool = True) -> tuple[Structure, list[Loaded]]:
+        """The structure of the file's pieces, and these in its place; UserError naming the file and the defect."""
         path = Path(self.path)
         if path.suffix.lower() == ".ifc" and self.unit != "m":
             raise UserError(f'{path}: IFC names its own unit, and is read in metres; delete unit = "{self.unit}"')
-        pieces = _in_agreement([self._placed(piece) for piece in given])
+        pieces = _in_agreement([self._placed(piece) for piece in read(path, coloured=coloured)])
         vertices, triangles = _whole(pieces)
         check(path, vertices, triangles, allow_open=self.allow_open)
         if not self.keep_origin:
