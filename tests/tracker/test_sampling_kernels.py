@@ -9,17 +9,10 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
-from uavbench.tracker.robust.edges.steps.crowd_kernels import (
-    MOST_EDGES,
-    crowd,
-    edges_near,
-    extents_of_edges,
-    room_for_crowd,
-    share_steps,
-)
 from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS
 from uavbench.tracker.robust.edges.steps.sum_kernels import REACH_PX
+from uavbench.tracker.robust.edges.subpixel_kernels import Crowd, crowd, edges_near, extents_of_edges
 from uavbench.tracker.robust.view import View
 
 SPACING_PX = RobustConfig().edges.sampling.spacing_px
@@ -68,22 +61,14 @@ def lines_of(*edges):
     return SearchLines(lines, np.zeros((len(lines), 6)), np.zeros(len(lines), np.int64)), first
 
 
-def crowded(at, first, p, most=6):
-    """Numbers of the steps and edges about a control point, and what is written about them."""
-    into = room_for_crowd.for_python(most, MOST_EDGES)
+def crowd_of(at, first, p, most=6):
+    crowded = Crowd(np.full((most, 4), np.nan), np.zeros(most, np.int64))
     group, reach_px = int(np.searchsorted(first, p, side="right")) - 1, REACH_PX + CLEAR_WIDTHS * FIRST_BLUR_PX
     extents, others = extents_of_edges.for_python(at, first), np.zeros(len(first) - 1, np.int64)
     near = others[: edges_near(extents, group, reach_px, others)]
-    return crowd(at, first, p, extents.half_px, near, reach_px, into), into
-
-
-def crowd_of(at, first, p):
-    """Lines of the steps about a control point."""
-    together, into = crowded(at, first, p)
-    across = at.lines[into.points[: together.edges], :2] - into.lines[into.step[: together.edges], :2]
-    beside_px = np.einsum("nk,nk->n", across, into.lines[into.step[: together.edges], 2:])
-    np.testing.assert_allclose(into.beside_px[: together.edges], beside_px, atol=1e-12)
-    return into.lines[: together.steps]
+    count = crowd(at, first, p, extents.half_px, near, reach_px, crowded)
+    np.testing.assert_array_equal(at.lines[crowded.points[:count], :2], crowded.lines[:count, :2])
+    return crowded.lines[:count]
 
 
 def test_edges_that_are_far_from_all_of_an_edge_are_not_looked_at():
@@ -123,43 +108,3 @@ def test_an_edge_ends_half_a_spacing_beyond_its_last_point():
 def test_too_many_edges_are_none():
     at, first = lines_of(*(horizontal(50.0 + 0.6 * k, (100.0, 106.0)) for k in range(7)))
     assert len(crowd_of(at, first, 0)) == 0
-
-
-def test_edges_that_are_one_step_share_it():
-    """Were it each of them, one step of light would say that all of them lie on one line."""
-    us = (100.0, 106.0)
-    at, first = lines_of(
-        horizontal(50.0, us),
-        horizontal(50.2, us, up=-1.0),
-        horizontal(52.0, us),
-        horizontal(51.9, us),
-    )
-    together, into = crowded(at, first, 0)
-    assert (together.steps, together.edges) == (2, 4)
-    assert into.step[:4].tolist() == [0, 0, 1, 1]
-    beside_px = share_steps(together, np.array([0.75, 0.25]), into)
-    np.testing.assert_allclose(into.shares[:4], [0.375, 0.375, 0.125, 0.125])
-    assert beside_px == pytest.approx(0.375 * 0.2 - 0.125 * 0.1)
-    share_steps(together, np.array([-0.5, 1.5]), into)  # heights that are hardly told apart
-    np.testing.assert_allclose(into.shares[:4], [0.0, 0.0, 0.75, 0.75])
-
-
-@pytest.mark.parametrize("apart", [0.05, 0.2, 0.29])
-def test_two_edges_of_one_step_say_the_same_of_where_their_middle_is(apart):
-    """The step may be seen from either edge: its distance from that one differs, that of their middle does not."""
-    us, seen_at = (100.0, 106.0), 50.1
-    at, first = lines_of(horizontal(50.0, us), horizontal(50.0 + apart, us))
-    middles = []
-    for p in (0, 2):
-        together, into = crowded(at, first, p)
-        own = at.lines[p, 1]
-        moved = (seen_at - own) - share_steps(together, np.array([1.0]), into)
-        middles.append(at.lines[into.points[:2], 1].mean() + moved)
-    assert middles == pytest.approx([seen_at, seen_at])
-
-
-def test_an_edge_alone_has_all_of_its_step():
-    together, into = crowded(*lines_of(horizontal(50.0, (100.0, 106.0))), 0)
-    assert (together.steps, together.edges) == (1, 1)
-    assert share_steps(together, np.array([0.3]), into) == 0.0
-    assert into.shares[0] == 1.0

@@ -11,14 +11,11 @@ from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, SEARCH_LI
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.steps.crowd_kernels import (
     LEAST_ALONG_PX,
-    MOST_EDGES,
     Crowd,
     Extents,
     crowd,
     edges_near,
     extents_of_edges,
-    room_for_crowd,
-    share_steps,
 )
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
@@ -148,7 +145,7 @@ def refine_subpixel(
     seen = Seen(at, points, fitted, extents_of_edges(at, first))
     looks = Looks(image, appearance, optics, Optics(optics.light[:1], optics.blur_px))
     room = Room(
-        room_for_crowd(MOST_STEPS, MOST_EDGES),
+        Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64)),
         room_for(MOST_STEPS, 0, COARSE_LINES),
         room_for(MOST_STEPS, numbers, FINE_LINES),
         np.empty(3),
@@ -183,25 +180,24 @@ def locate_edge(looks: Looks, seen: Seen, g: int, own_part: float, room: Room, f
         row = looks.appearance[rows[p]]
         if at.side[p] == OUTSIDE or not learned_light(row, looks.image.shape[2], optics.light, colour) > 0.0:
             continue
-        together = crowd(at, first, p, half_px, others, reach_px, room.crowd)
-        if together.steps == 0:
+        steps = crowd(at, first, p, half_px, others, reach_px, room.crowd)
+        if steps == 0:
             continue
-        lines = room.crowd.lines[: together.steps]
-        near = fit_step(looks.image, lines, start, coarse, colour, room.coarse)
+        together = room.crowd.lines[:steps]
+        near = fit_step(looks.image, together, start, coarse, colour, room.coarse)
         if not abs(near.distance - start) < MAX_SHIFT_PX:
             continue
-        step = fit_step(looks.image, lines, near.distance, fine, colour, room.fine)
+        step = fit_step(looks.image, together, near.distance, fine, colour, room.fine)
         if abs(step.distance - start) < MAX_SHIFT_PX:
-            edges.distance[p, 0], edges.steps[p] = step.distance, together.steps
+            edges.distance[p, 0], edges.steps[p] = step.distance, steps
             edges.variance_px2[p] = own_part * row[MEAN_SQUARE]
             found.own_px2[p] = step.variance_px2
             for x in range(ACROSS):
                 found.misfit[p, x] = room.fine.misfit[x]
             for r in range(edges.by_response.shape[1]):
                 edges.by_response[p, r] = room.fine.by_response[r]
-            if together.edges > 1:
-                edges.distance[p, 0] -= share_steps(together, room.fine.shares, room.crowd)
-                shares, of = room.crowd.shares[: together.edges], room.crowd.points
+            if steps > 1:
+                shares, of = room.fine.shares[:steps], room.crowd.points
                 share_motion(points.points, of, shares, seen.fitted.at, edges.points[p], edges.lines[p])
     add_variances(edges.variance_px2, found.own_px2, found.misfit, edges.steps, first[g : g + 2])
     share_evenly(edges.by_response, edges.steps, first, g)
@@ -239,7 +235,7 @@ def share_motion(points: Array, of: Indices, shares: Array, view: View, point: A
 
     A pixel is linear in a point over its depth: the mean of several points over their depths is one between them over
     its own. So is its motion across the axis, and nearly so along it, as the points are within a few pixels. Shares
-    below 0 count as 0.
+    below 0 count as 0: those are of heights that are hardly told apart.
     """
     R, t, depth, mean_x, mean_y, mean_z = view.R, view.t, 0.0, 0.0, 0.0, 0.0
     for k in range(len(shares)):

@@ -1,4 +1,4 @@
-"""Compiled search for the edges that crowd about a control point: they show in the same pixels, some as one step."""
+"""Compiled search for the edges that crowd about a control point: they show in the same pixels."""
 
 from typing import NamedTuple
 
@@ -17,34 +17,15 @@ LEAST_ALONG_PX = 2
 """Pixels of an edge that belong to each of its control points at least: those of points 6 px apart do not overlap."""
 SAME_PX = 0.3
 """Distance across below which two edges are one step."""
-MOST_EDGES = 16
-"""Most edges that show as up to `MOST_STEPS` steps: limits the time."""
 BENT_PX = 8.0
 """Most that the lens bends an edge: those farther from the line of their first point are not looked at."""
 
 
 class Crowd(NamedTuple):
-    """Edges that lie together: lines (k, 4) of the steps that they show, pixel and normal on the side of the first.
-
-    points (m,): a control point of each edge, the first its own; step (m,): which step it is part of; beside_px (m,):
-    how far it is from the line of that; shares (m,): its part in the common shift of the steps.
-    """
+    """Edges that lie together: lines (k, 4), pixel and normal on the side of the first; points (k,), one of each."""
 
     lines: Array
     points: Indices
-    step: Indices
-    beside_px: Array
-    shares: Array
-
-
-class Together(NamedTuple):
-    """Numbers of the steps of a crowd, 0 if there are too many, and of its edges."""
-
-    steps: int
-    edges: int
-
-
-TOO_MANY = Together(0, 0)
 
 
 class Extents(NamedTuple):
@@ -55,18 +36,6 @@ class Extents(NamedTuple):
 
     box: Array
     half_px: Array
-
-
-@compiled("i0 i0", inner=True)
-def room_for_crowd(steps: int, edges: int) -> Crowd:
-    """Arrays for so many edges that show so many steps."""
-    return Crowd(
-        np.empty((steps, 4)),
-        np.empty(edges, np.int64),
-        np.empty(edges, np.int64),
-        np.empty(edges),
-        np.empty(edges),
-    )
 
 
 @compiled("lines i1", inner=True, lines=SEARCH_LINES)
@@ -105,14 +74,15 @@ def edges_near(extents: Extents, group: int, reach_px: float, others: Indices) -
 @inlined(allocates=False)
 def crowd(
     at: SearchLines, first: Indices, p: int, half_px: Array, others: Indices, reach_px: float, into: Crowd
-) -> Together:
-    """Write the edges that the pixels around a control point show, its own first, and their steps into `into`.
+) -> int:
+    """Number of the edges that the pixels around a control point show, its own first; 0 if there are too many.
 
-    others: edges that are near, half_px (g,): see `Extents`. An edge is represented by its control point nearest to p,
-    and ends half a spacing from its last one.
+    others: edges that are near, half_px (g,): see `Extents`. Their lines, pixel and normal on the side of the point's
+    own, and a point of each are written into `into`. An edge is represented by its control point nearest to p, and ends
+    half a spacing from its last one.
     """
-    lines, side, edges, steps, count = at.lines, at.side, into.lines, 1, 1
-    into.points[0], into.step[0], into.beside_px[0] = p, 0, 0.0
+    lines, side, edges, count = at.lines, at.side, into.lines, 1
+    into.points[0] = p
     u, v, nu, nv = lines[p, U], lines[p, V], lines[p, NORMAL_U], lines[p, NORMAL_V]
     edges[0, U], edges[0, V], edges[0, NORMAL_U], edges[0, NORMAL_V] = u, v, nu, nv
     for g in others:
@@ -134,37 +104,16 @@ def crowd(
             continue
         if abs(dv * mu - du * mv) > max(LEAST_ALONG_PX, half_px[g]) + 1.0:
             continue
-        sign, step, beside_px = 1.0 if cosine > 0.0 else -1.0, steps, 0.0
-        for k in range(steps):
-            away = (lines[nearest, U] - edges[k, U]) * mu + (lines[nearest, V] - edges[k, V]) * mv
-            if abs(away) < SAME_PX:
-                step, beside_px = k, sign * away
-                break
-        if step == MOST_STEPS or count == len(into.points):
-            return TOO_MANY
-        if step == steps:
-            edges[step, U], edges[step, V] = lines[nearest, U], lines[nearest, V]
-            edges[step, NORMAL_U], edges[step, NORMAL_V] = sign * mu, sign * mv
-            steps += 1
-        into.points[count], into.step[count], into.beside_px[count] = nearest, step, beside_px
+        seen = False
+        for k in range(count):
+            seen |= abs((lines[nearest, U] - edges[k, U]) * mu + (lines[nearest, V] - edges[k, V]) * mv) < SAME_PX
+        if seen:
+            continue
+        if count == MOST_STEPS:
+            return 0
+        sign = 1.0 if cosine > 0.0 else -1.0
+        edges[count, U], edges[count, V] = lines[nearest, U], lines[nearest, V]
+        edges[count, NORMAL_U], edges[count, NORMAL_V] = sign * mu, sign * mv
+        into.points[count] = nearest
         count += 1
-    return Together(steps, count)
-
-
-@inlined(allocates=False)
-def share_steps(together: Together, of_steps: Array, into: Crowd) -> float:
-    """Write the shares of a crowd's edges: those of their steps (k,), in equal parts where several edges are one step.
-
-    One step does not tell by which of its edges it is made; were it each of them, the image would say that they lie on
-    one line. Returns how far their mean is from the lines of the steps, px. Shares below 0 count as 0: those are of
-    heights that are hardly told apart.
-    """
-    total, beside = 0.0, 0.0
-    for m in range(together.edges):
-        step, alike = into.step[m], 0
-        for other in range(together.edges):
-            alike += int(into.step[other] == step)
-        share = (max(0.0, of_steps[step]) if together.steps > 1 else 1.0) / alike
-        into.shares[m] = share
-        total, beside = total + share, beside + share * into.beside_px[m]
-    return beside / total if total > 0.0 else 0.0
+    return count
