@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.bench.own_images.conventions import Seen, check_in_view, doubts_of_edges
+from uavbench.bench.own_images.plausible_poses import doubts_of_poses, doubts_of_stamps
 from uavbench.reports.evaluation.find_trajectory import Found, find_trajectory, mount_of, world_from_cameras
 from uavbench.reports.metrics.association import interpolate
 from uavbench.tracker.images.image_names import stamps_in_names
@@ -64,7 +65,10 @@ def true_poses(
         "interpolated": stamped.interpolated,
         "motion": "differences of the poses",
     }
-    return GroundTruth(stamped.poses, mount, stamped.stamps_from, about, tuple(doubts_of_edges(name, seen)))
+    told = [*doubts_of_poses(name, found.trajectory), *doubts_of_edges(name, seen)]
+    if stamped.stamps_from == "poses":
+        told += doubts_of_stamps(name, recording.images, stamped.poses.stamps_ns, rate_hz)
+    return GroundTruth(stamped.poses, mount, stamped.stamps_from, about, tuple(told))
 
 
 def rate_of(stamps_ns: NDArray[np.int64]) -> float:

@@ -178,10 +178,50 @@ def test_poses_of_elsewhere_are_told(imported, trial):
         imported(replace(late, positions_m=places))
 
 
-def test_poses_beside_the_edges_of_the_images_are_doubted(imported, trial):
-    beside = of_cameras(trial, lambda pose: Pose.exp(np.array([0, 0, 0.3, 0, 0, 0])) @ pose)
-    with pytest.raises(UserWarning, match="% of the model's edges lie on edges of the images: are stamps, camera"):
-        imported(beside)
+@pytest.mark.parametrize("change", [
+    lambda pose: Pose.exp(np.array([0, 0, 0.3, 0, 0, 0])) @ pose,
+    lambda pose: pose @ Pose(np.eye(3), [0.03, 0.0, 0.0]),
+    lambda pose: pose @ Pose.exp(np.array([0, 0, 0, 0, 0.03, 0])),
+])  # fmt: skip
+def test_poses_beside_the_edges_of_the_images_are_doubted(imported, trial, change):
+    """As by markers beside the camera: where edges agree by chance, as many do with the camera turned a little."""
+    told = (
+        r"\d+ % of the model's edges lie on edges of the images, and \d+ % with the camera turned by 2 % .*are stamps"
+    )
+    with pytest.raises(UserWarning, match=told):
+        imported(of_cameras(trial, change))
+
+
+@pytest.mark.parametrize(("times_s", "told"), [
+    (np.arange(10), "poses are a second apart, and so are the images: are its stamps numbers of frames"),
+    (np.arange(10) / 0.015, "poses are 67 s apart, and so are the images: are its stamps in another unit"),
+    (np.arange(10) * 1e-5, "poses are 1e-05 s apart, and so are the images: are its stamps in another unit"),
+])  # fmt: skip
+def test_stamps_that_are_no_times_are_doubted(imported, poses, tmp_path, times_s, told):
+    stamped = replace(poses, stamps_ns=np.rint(times_s * 1e9).astype(np.int64))
+    with pytest.raises(UserWarning, match=told):
+        imported(stamped)
+    shutil.rmtree(tmp_path / "box")
+    assert imported(stamped, rate_hz=rate_of(stamped.stamps_ns)).info["doubts"] == []
+
+
+def test_images_in_order_whose_times_are_others_are_doubted(imported, own, poses, tmp_path):
+    shutil.copytree(own / "frames", tmp_path / "images")
+    times = tmp_path / "times.txt"
+    times.write_text("".join(f"{1e3 + ns / 1e9:.6f}\n" for ns in poses.stamps_ns))
+    assert imported(poses, tmp_path / "images").info["doubts"] == []
+    shutil.rmtree(tmp_path / "box")
+    times.write_text("".join(f"{2 * ns / 1e9:.6f}\n" for ns in poses.stamps_ns))
+    with pytest.raises(UserWarning, match=r"times.txt: seems to hold other times of the images than the ground truth"):
+        imported(poses, tmp_path / "images")
+    times.unlink()
+    shutil.rmtree(tmp_path / "box")
+    (tmp_path / "images" / "000009.png").rename(tmp_path / "images" / "000012.png")
+    with pytest.raises(UserWarning, match=r"after 000008.png comes 000012.png, .* 0.066 s apart .* 0.264 s are exp"):
+        imported(poses, tmp_path / "images")
+    shutil.rmtree(tmp_path / "box")
+    late = np.r_[poses.stamps_ns[:9], poses.stamps_ns[9] + 3 * 66_666_667]
+    assert imported(replace(poses, stamps_ns=late), tmp_path / "images").info["doubts"] == []
 
 
 def test_poses_that_fit_better_in_another_convention_are_doubted_by_it(imported, trial):

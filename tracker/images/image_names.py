@@ -30,6 +30,8 @@ DATE_TIME = re.compile(
 """Date and time of day, perhaps with ms: `DJI_20240131120005_0001`, `IMG_20240131_120005`, `2024-01-31-12-00-05`."""
 SECOND, MILLISECOND = 1.0, 1e-3
 """Steps of times of day in s, without and with ms."""
+OFF_COUNT = 0.5
+"""Steps by which the time between two images may differ from that of their numbers."""
 JITTER, DRIFT = 0.1, 0.01
 """Shares by which one step of these times, and their mean, may differ from the rate's: whole ms at 60 Hz are 6 %."""
 
@@ -130,6 +132,31 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     return [
         f"{images[k].parent}: after {images[k].name} comes {images[k + 1].name}{more}: if images are missing, the "
         f"times are wrong from there on, since {taken}; copy the one before into each gap, or track each part by itself"
+    ]
+
+
+def doubts_of_counts(images: Sequence[Path], stamps_ns: NDArray[np.int64], name: str) -> list[str]:
+    """Message on images whose numbers have other gaps than the stamps (n,) that they have by their order.
+
+    name: of the file of the stamps. Numbers are compared where one in each name changes, and is no time.
+    """
+    parts = [by_numbers(path.stem) for path in images]
+    if any(part[::2] != parts[0][::2] for part in parts) or len(images) < 3:
+        return []
+    changing = [each for each in zip(*(part[1::2] for part in parts), strict=True) if len(set(each)) > 1]
+    if len(changing) != 1 or len(str(changing[0][-1])) >= STAMP_DIGITS:
+        return []
+    counted, times = _steps(changing[0]), np.diff(stamps_ns)
+    per_count = np.median(times / counted)
+    off = np.flatnonzero(np.abs(times / per_count - counted) > OFF_COUNT)
+    if not len(off) or not np.ptp(counted):
+        return []
+    k = int(off[0])
+    return [
+        f"{images[k].parent}: after {images[k].name} comes {images[k + 1].name}, and {name} has poses "
+        f"{times[k] / 1e9:.4g} s apart in their places, where {counted[k] * per_count / 1e9:.4g} s are expected: poses "
+        "are paired with images in order, and are others from there on if either misses some; give the poses of these "
+        "images alone, or name the images by their times"
     ]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.tracker.images.image_names import UNITS, fits
 from uavbench.trajectories.errors import DamagedFileError, UserError
@@ -25,6 +26,8 @@ NERF = "transforms.json"
 """Name in the export to nerfstudio, whose images have their stamp_ns beside their poses."""
 FIRST_NUMBER = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s*(?:[,;\s]|$)", re.MULTILINE | re.IGNORECASE)
 """The number that a line begins with; dates are none."""
+OFF, SINCE_1970_S = 0.5, 1e9
+"""Usual steps by which a time may differ from a stamp; seconds from which on both are of one clock, from 2001 on."""
 
 
 @dataclass(frozen=True)
@@ -59,19 +62,37 @@ class TimesFile:
 
     def has_rate(self, rate_hz: float) -> bool:
         """Whether the times, in s, ms, us or ns, are those of a rate."""
+        steps = np.diff(self.numbers())
+        return len(steps) > 0 and any(fits(steps / unit * rate_hz) for unit in (1.0, *UNITS))
+
+    def has_stamps(self, stamps_ns: NDArray[np.int64]) -> bool:
+        """Whether the times, in s, ms, us or ns, are these (n,), or as far apart where one side counts from 0.
+
+        Another number of times cannot be compared, and passes.
+        """
+        numbers, seconds = self.numbers(), stamps_ns / 1e9
+        if len(numbers) != len(seconds) or len(numbers) < 2:
+            return True
+        near_s = OFF * float(np.median(np.diff(seconds)))
+        for unit in (1.0, *UNITS):
+            zero_s = numbers[0] / unit - seconds[0]
+            of_one_clock = min(numbers[0] / unit, seconds[0]) > SINCE_1970_S
+            if (np.abs(numbers / unit - seconds - (0.0 if of_one_clock else zero_s)) <= near_s).all():
+                return True
+        return False
+
+    def numbers(self) -> Array:
+        """The times (n,) in their unit; empty where they cannot be read."""
         try:
             if self.path.name == NERF:
-                numbers = self._stamps_of_nerf()
-            elif self.path.name == OWN:
-                numbers = integers(self.path, [OWN_COLUMNS[0]])[:, 0].astype(np.float64)
-            else:
-                numbers = np.array(FIRST_NUMBER.findall(self._lines()), dtype=np.float64)
+                return self._stamps_of_nerf()
+            if self.path.name == OWN:
+                return integers(self.path, [OWN_COLUMNS[0]])[:, 0].astype(np.float64)
+            return np.array(FIRST_NUMBER.findall(self._lines()), dtype=np.float64)
         except DamagedFileError:
             raise
         except UserError:
-            return False
-        steps = np.diff(numbers)
-        return len(steps) > 0 and any(fits(steps / unit * rate_hz) for unit in (1.0, *UNITS))
+            return np.empty(0)
 
     def _lines(self) -> str:
         """Lines that end with an image of the folder, as left/000000.png; all lines where none does."""
@@ -94,13 +115,32 @@ def doubts_of_times(images: Path, rate_hz: float) -> list[str]:
 
     DamagedFileError for one that uavbench wrote and that has changed since.
     """
-    whole = images.resolve()
-    names = (OWN, NERF, *TIMES)
-    files = (TimesFile(folder / name, whole) for folder in (whole, *whole.parents[:2]) for name in names)
-    found = next((file for file in files if file.has_times()), None)
+    found = _beside(images)
     if found is None or found.has_rate(rate_hz):
         return []
     return [
         f"{found.path}: seems to hold the times of the images, which are not read: the images are taken 1 / "
         f"{rate_hz:g} s apart; correct the rate, or give a video or a bag with these times"
     ]
+
+
+def doubts_of_own_times(images: Path, stamps_ns: NDArray[np.int64], name: str) -> list[str]:
+    """Message on a file of times beside a folder whose images have other stamps (n,) by their order; name: of these.
+
+    DamagedFileError as `doubts_of_times`.
+    """
+    found = _beside(images)
+    if found is None or found.has_stamps(stamps_ns):
+        return []
+    return [
+        f"{found.path}: seems to hold other times of the images than {name}, whose poses are paired with them in "
+        "order: give the poses of these images alone, or name the images by their times"
+    ]
+
+
+def _beside(images: Path) -> TimesFile | None:
+    """The first file of times beside a folder of images; None without one."""
+    whole = images.resolve()
+    names = (OWN, NERF, *TIMES)
+    files = (TimesFile(folder / name, whole) for folder in (whole, *whole.parents[:2]) for name in names)
+    return next((file for file in files if file.has_times()), None)

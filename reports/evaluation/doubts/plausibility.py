@@ -57,8 +57,8 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     pairs: matched poses before alignment.
     """
     yield from doubts_of_stamps(reference, estimate)
-    yield from _doubts_of_origin("reference", reference, MARKERS_LOST)
-    yield from _doubts_of_origin("estimate", estimate, "does it say so where it is lost")
+    yield from doubts_of_origin("reference", reference, MARKERS_LOST)
+    yield from doubts_of_origin("estimate", estimate, "does it say so where it is lost")
     yield from _doubts_of_capture(pairs)
     turned = [*doubts_of_order(pairs, align)] or doubts_of_axes(pairs, align)
     for doubt in (*_doubts_of_length(pairs, align), *turned):
@@ -143,7 +143,7 @@ def doubts_of_stamps(reference: Trajectory, estimate: Trajectory) -> Iterator[st
             )
 
 
-def _doubts_of_origin(whose: str, trajectory: Trajectory, cause: str) -> Iterator[str]:
+def doubts_of_origin(whose: str, trajectory: Trajectory, cause: str) -> Iterator[str]:
     """A sentence where a trajectory falls back to its origin, as files do in which a lost pose is the identity."""
     lost = (trajectory.positions_m == 0).all(axis=1)
     falls = np.flatnonzero(lost[1:] & ~lost[:-1]) + 1
