@@ -47,6 +47,9 @@ CONVENTIONS: dict[str, Callable[[Pose, Pose], Pose]] = {
     "with a camera as in OpenGL and Blender (y up, z backward)": lambda pose, cam: HALF_TURN @ cam @ pose.inverse(),
     "at their inverses, with a camera as in OpenGL (y up, z backward)": lambda pose, cam: HALF_TURN @ cam @ pose,
     "with positions in millimetres": lambda pose, cam: cam @ Pose(pose.rotation, pose.translation / 1000).inverse(),
+    "with a model in metres, as the poses, in place of millimetres": lambda pose, cam: (
+        cam @ Pose(pose.rotation, 1000 * pose.translation).inverse()
+    ),
     "with w first in the quaternions": lambda pose, cam: cam @ _with_order(pose, [1, 2, 3, 0]).inverse(),
     "with w last in the quaternions": lambda pose, cam: cam @ _with_order(pose, [3, 0, 1, 2]).inverse(),
     "with y up in the world, as in glTF": lambda pose, cam: cam @ (Z_UP @ pose).inverse(),

@@ -55,6 +55,8 @@ FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
 """Seconds of a flight's score, most of it the coverage, and of its figure."""
 VIDEO_S = 1.0
 """Seconds of work on a video per second of flight: its frames are rendered again, and drawn on."""
+TRUE_POSES = ("reports/evaluation", "reports/metrics", "bench/own_images")
+"""Code by which true poses of one's own are read, and paired with images."""
 FLIGHTS = "flights.json"
 """File in which the report of flights lists its files."""
 
@@ -100,7 +102,7 @@ def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
     packages = ("trajectories", "scenes")
     if isinstance(spec, RecordingSpec):
-        packages += ("tracker", *(("reports/evaluation", "bench/own_images") if spec.ground_truth_file else ()))
+        packages += ("tracker", *(TRUE_POSES if spec.ground_truth_file else ()))
     every = getattr(spec, "crlb_every", 0)
     key = key_of(spec, code_hash(*packages))
     return Job(

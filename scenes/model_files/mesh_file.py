@@ -123,7 +123,8 @@ class MeshFile:
         elif (far_m := float(np.abs(vertices).max())) > FARTHEST_M:
             raise UserError(
                 f"{path}: keep_origin = true leaves the model {far_m / 1000:,.0f} km from the origin, farther than the "
-                "ground reaches; delete keep_origin, or move the model in your modelling program"
+                "ground reaches; delete keep_origin from a suite's structure, or move the model in your modelling "
+                "program, and by as much the poses in its frame"
             )
         try:
             structure = Structure.from_mesh(vertices, triangles, self.crease_angle_deg, self.min_edge_m)

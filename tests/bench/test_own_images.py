@@ -133,6 +133,10 @@ def in_mm(pose):
     return Pose(pose.rotation, 1000 * pose.translation)
 
 
+def in_km(pose):
+    return Pose(pose.rotation, pose.translation / 1000)
+
+
 def w_first(pose):
     return Pose.from_quaternion(pose.quaternion_wxyz[[3, 0, 1, 2]], pose.translation)
 
@@ -146,6 +150,7 @@ def w_last(pose):
     (lambda pose: pose @ OPENGL, "with a camera as in OpenGL and Blender"),
     (lambda pose: (pose @ OPENGL).inverse(), "at their inverses, with a camera as in OpenGL"),
     (in_mm, "with positions in millimetres"),
+    (in_km, "with a model in metres, as the poses, in place of millimetres"),
     (w_first, "with w first in the quaternions"),
 ])  # fmt: skip
 def test_poses_in_another_convention_are_told_by_it(imported, trial, tmp_path, change, told):

@@ -316,7 +316,8 @@ def test_poses_of_openvins_are_read_without_their_covariances(tmp_path: Path) ->
         (13, "index first"),
         (16, "last row"),
         (17, "Write nanoseconds"),
-        (10, "euroc .8 or more, integer nanoseconds first.$"),
+        (10, "images.txt of COLMAP"),
+        (11, "euroc .8 or more, integer nanoseconds first.$"),
     ],
 )
 def test_other_numbers_of_values_are_told_with_what_to_do(tmp_path: Path, values: int, told: str) -> None:

@@ -138,9 +138,18 @@ def doubts_of_own_times(images: Path, stamps_ns: NDArray[np.int64], name: str) -
     ]
 
 
+def times_beside(images: Path) -> tuple[Path, ...]:
+    """Files beside a folder of images that are looked at for their times."""
+    return tuple(file.path for file in _places(images) if file.path.is_file())
+
+
 def _beside(images: Path) -> TimesFile | None:
     """The first file of times beside a folder of images; None without one."""
+    return next((file for file in _places(images) if file.has_times()), None)
+
+
+def _places(images: Path) -> list[TimesFile]:
+    """Files that may hold the times of the images of a folder, whether there or not, in the order of their ranks."""
     whole = images.resolve()
     names = (OWN, NERF, *TIMES)
-    files = (TimesFile(folder / name, whole) for folder in (whole, *whole.parents[:2]) for name in names)
-    return next((file for file in files if file.has_times()), None)
+    return [TimesFile(folder / name, whole) for folder in (whole, *whole.parents[:2]) for name in names]

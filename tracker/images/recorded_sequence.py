@@ -27,7 +27,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
 from uavbench.tracker.images.image_levels import BlackImages, RepeatedImages
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins
-from uavbench.tracker.images.image_times import doubts_of_times
+from uavbench.tracker.images.image_times import doubts_of_times, times_beside
 from uavbench.tracker.images.model_size import doubts_of_size
 from uavbench.tracker.images.track_images import RATES_HZ, in_order, load_model
 from uavbench.tracker.initialization import read_init
@@ -46,6 +46,8 @@ VISP_IMAGES = (Path("/usr/share/visp-images-data/ViSP-images"), Path("/usr/local
 Row = tuple[float, float, float, float]
 RECORDED = Marker("manifest.json", "recorded sequence")
 VISP_CUBE = "mbt/cube"
+EXPORT_LEVELS = 4
+"""Folders above a ground truth that may hold the export.json which describes it, as for `evaluate`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +102,10 @@ class Files:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """Files whose content enters the sequence's hash: the images, and those that the model refers to."""
+        """Files whose content enters the sequence's hash: the images, their times, and what the model refers to."""
         folder = Path(self.images_path)
-        return (*(images_in(folder) if folder.is_dir() else ()), *parts_of(Path(self.model_file)))
+        images = (*images_in(folder), *times_beside(folder)) if folder.is_dir() else ()
+        return (*images, *parts_of(Path(self.model_file)))
 
     def find(self) -> Recording:
         """The recording."""
@@ -198,13 +201,17 @@ class RecordingSpec:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """Files whose content enters the sequence's hash beside the ground truth: its times, its mount, or its bag."""
+        """Files whose content enters the sequence's hash beside the ground truth: its times, its mount, or its bag.
+
+        And the export.json that tells of what its poses are.
+        """
         given = Path(self.ground_truth_file)
         if not self.ground_truth_file:
             return ()
         bag = bag_topic(given)
-        places = (bag.bag,) if bag else (given.with_name("times.txt"), given.with_name("sequence.json"))
-        return tuple(path for path in places if path.is_file())
+        beside = (bag.bag,) if bag else (given.with_name("times.txt"), given.with_name("sequence.json"))
+        exported = (folder / "export.json" for folder in (bag.bag if bag else given).resolve().parents[:EXPORT_LEVELS])
+        return tuple(path for path in (*beside, *exported) if path.is_file())
 
 
 def record(

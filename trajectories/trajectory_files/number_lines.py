@@ -45,6 +45,7 @@ STAMP_CHARACTERS = 24
 MEANT_BY = {
     7: "a pose without its time? Put the seconds first (tum)",
     9: "a column too many for tum? Leave out the one that is neither the time nor of the pose, as an index or a score",
+    10: "images.txt of COLMAP? Write poses with their times as tum, or a matrix a line as kitti",
     13: "a matrix with a time or an index first? Move times to a times.txt beside the file, leave an index out "
     "(kitti; one of whole numbers, 0 1 2 ..., is read), or write the poses with their times as tum",
     16: "a whole matrix of four rows? Leave out its last row, 0 0 0 1 (kitti)",
@@ -256,7 +257,9 @@ def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLin
         try:
             values.extend([plain_number(cell) for cell in cells[: layout.values]])
         except ValueError as error:
-            raise UserError(f"{path}: line {line_number}: {error}") from None
+            raise UserError(
+                f"{path}: line {line_number}: {error}; leave out columns of text and those before the pose but its time"
+            ) from None
     table = np.array(values).reshape(-1, layout.values)
     return NumberLines(np.array(numbers, dtype=np.int64), np.array(stamps, dtype=np.int64), table)
 
