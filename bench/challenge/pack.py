@@ -102,12 +102,15 @@ def _refuse_replaced(jobs: Iterable[Job], truth: Path) -> None:
 
 
 def _rendered(suite: Suite) -> list[SequenceSpec]:
-    """The sequences of a suite; UserError for recordings, which have no ground truth, closed loops, and gimbals."""
+    """The sequences of a suite; UserError for recordings, closed loops, and gimbals."""
     if suite.loops:
         raise UserError(f"suite {suite.name} is flown in closed loop: a package needs images rendered beforehand")
     specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
     if len(specs) < len(suite.sequences):
-        raise UserError(f"suite {suite.name} has recorded images, which have no ground truth to score against")
+        raise UserError(
+            f"suite {suite.name} has recorded images; challenges are of rendered ones: leave its [recordings] out. "
+            "Where their true poses are known, `uavbench evaluate` scores results of others against them"
+        )
     for spec in specs:
         if not isinstance(spec.mount, Mount):
             raise UserError(

@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 import uavbench as ub
 from tests.bench.conftest import CONTEST, packed
+from tests.bench.small_suites import recorded_suite
 from tests.bench.test_what_trackers_see import COMMON
 from uavbench.bench.challenge.guesses import refuse_guessed
 from uavbench.bench.challenge.organizer import SECRET, Challenge
@@ -307,3 +308,10 @@ def test_streams_of_a_secret_seed_are_no_seed_sequences(tmp_path):
     assert stream(seed, "path").integers(2**62) != stream(seed % 2**63, "path").integers(2**62)
     assert stream(2**63 - 1, "path").bit_generator.seed_seq.spawn_key != ()
     assert stream(seed, "path").bit_generator.seed_seq.spawn_key == ()
+
+
+def test_recordings_are_refused_whether_their_poses_are_known_or_not(tmp_path):
+    done = packed(recorded_suite(tmp_path, 'hold = { kind = "hold" }\n'), tmp_path / "out")
+    assert done.exit_code != 0
+    assert "has recorded images; challenges are of rendered ones" in " ".join(done.output.split())
+    assert not (tmp_path / "out").exists()
