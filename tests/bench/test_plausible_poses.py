@@ -24,3 +24,11 @@ def test_rows_of_lost_markers_are_doubted(lost, told):
     straight[slice(6, 8) if lost else slice(2, 9)] = lost or straight[2]
     (found,) = doubts_of_poses("poses.tum", replace(flown, positions_m=straight))
     assert re.search(told, found)
+
+
+@pytest.mark.parametrize(("rows", "next_m", "told"), [(6, 8.0, False), (5, 9.0, False), (6, 9.0, True)])
+def test_a_pose_is_lost_that_lasts_for_more_than_five_rows_and_jumps_by_more_than_five_steps(rows, next_m, told):
+    x = [1.0, 2.0, *[3.0] * rows, *(next_m + np.arange(6))]
+    positions = np.column_stack([x, np.zeros((len(x), 2))])
+    flown = Trajectory(np.arange(len(x)) * 10_000_000, positions, np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)))
+    assert bool(list(doubts_of_poses("poses.tum", flown))) == told
