@@ -2,17 +2,23 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, look_at
+from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, look_at
+from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.relocalization.scoring.rounds import Around
+from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.work import Work
+from uavbench.trajectories.pose import Pose
 
 ENOUGH = 10**12
+STEP_NS = 66_666_667
 SIZE = (0.4, 0.3, 0.25)
 MIDDLE = (0.0, 0.0, 0.12)
 RANGE_M = 1.3
@@ -102,7 +108,81 @@ def test_without_work_for_a_view_nothing_is_done(candidates):
     assert work.done == 0 and not candidates.overview.is_complete(1)
 
 
-def test_a_structure_that_does_not_fit_into_the_image_is_not_looked_at_from_all_sides(candidates):
-    """Its other sides show parts of it that no shift brings into view."""
-    assert candidates.overview.shows_all(motion(from_the(0.3, 0.4, 1.0)))
-    assert not candidates.overview.shows_all(motion(from_the(0.3, 0.1, 0.35)))
+@given(st.floats(-3.0, 3.0), st.floats(0.1, 0.3), st.floats(0.35, 2.0))
+def test_a_guess_is_moved_back_until_the_whole_structure_fits_into_the_image(candidates, side_rad, height_m, range_m):
+    """Of a part of it other sides show parts that no shift brings into view."""
+    overview, pose = candidates.overview, from_the(side_rad, height_m, range_m)
+    there = Pose(*overview.from_afar(motion(pose)))
+    back_m = overview.back_m(motion(pose))
+    before, middle = (each.transform(overview.middle[None])[0] for each in (pose, there))
+    moved_m = there.inverse().translation - pose.inverse().translation
+    np.testing.assert_allclose(np.cross(before, middle), 0.0, atol=1e-9)
+    assert np.linalg.norm(moved_m) == pytest.approx(back_m, abs=1e-9)
+    assert overview.back_m(motion(there)) == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_array_equal(there.rotation, pose.rotation)
+    corners = CAMERA.project(there.transform(box_corners(SIZE)))
+    assert (corners > 0).all() and (corners < np.array([CAMERA.width, CAMERA.height])).all()
+    assert (back_m > 0.0) == (np.linalg.norm(before) < overview.least_range_m)
+
+
+def lost(sigma_m):
+    covariance = np.diag([sigma_m**2] * 6)
+    return Sought(np.zeros((480, 640), np.uint8), [], covariance, RANGE_M, lost=True)
+
+
+def test_of_searches_in_vain_near_a_structure_every_other_one_looks_from_as_far_back_as_it_may_be(candidates):
+    near, looked = [motion(from_the(0.3, 0.1, 0.35))], []
+    back_m = candidates.overview.back_m(near[0])
+    candidates.begin_near()
+    for sigma_m in (back_m + 0.2, back_m + 0.2, back_m + 0.2, back_m - 0.05, back_m - 0.05):
+        candidates.begin()
+        for _ in range(2):  # slices of a search are of one kind
+            candidates.look_all_round(near, lost(sigma_m))
+            looked.append(candidates.all_round)
+    candidates.look_all_round(near, lost(back_m + 0.2)._replace(lost=False))
+    assert looked == [True, True, False, False, True, True, False, False, False, False]
+    assert candidates.searches == 0, "since a pose was accepted"
+
+
+def test_a_search_that_begins_again_goes_on_with_the_views_that_are_left(candidates):
+    """Frames far apart leave no time for all of them in one, and each begins a search."""
+    candidates.begin_near()
+    candidates.look_all_round([motion(from_the(0.3, 0.1, 0.35))], lost(1.0))
+    candidates.overview.next_block = 7
+    candidates.begin()
+    assert candidates.overview.next_block == 7
+    candidates.overview.next_block = len(candidates.overview.blocks)
+    candidates.begin()
+    assert candidates.overview.next_block == 0
+
+
+PARTS = [
+    box_corners((0.4, 0.3, 0.3)),
+    box_corners((0.12, 0.1, 0.4), (0.3, 0.18)),
+    box_corners((0.1, 0.14, 0.15), (-0.28, 0.12)),
+]
+
+
+def near_side(angle_deg):
+    angle = np.radians(angle_deg)
+    return look_at(np.array([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0.5]), (0.0, 0.0, 0.15))
+
+
+def test_a_structure_larger_than_the_image_is_found_again_from_another_side():
+    """It is lost for 3 s, while the camera goes round it by 55 degrees so close that never all of it is in view."""
+    structure = Structure.from_mesh(
+        np.concatenate(PARTS), np.concatenate([BOX_TRIANGLES + 8 * k for k in range(len(PARTS))])
+    )
+    scene, rng = Scene(PARTS, seed=1), np.random.default_rng(1)
+    run = Robust().start(structure, CAMERA, near_side(70.0), np.random.default_rng(0))
+    back = np.linspace(25.0, 28.0, 30)
+    found = []
+    for k, angle in enumerate([*np.linspace(70.0, 80.0, 20), *[None] * 45, *back]):
+        pose = None if angle is None else near_side(angle)
+        shown = scene.render(pose, noise_rng=rng) if pose else rng.integers(100, 140, (480, 640, 3)).astype(np.uint8)
+        result = run.track(shown, k * STEP_NS)
+        if pose is not None and result.status == "ok":
+            off_m = result.cam_from_world.inverse().translation - pose.inverse().translation
+            found.append((k, float(np.linalg.norm(off_m))))
+    assert max(off_m for _, off_m in found) < 0.02
+    assert sum(k >= 65 for k, _ in found) >= 10

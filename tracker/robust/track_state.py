@@ -122,8 +122,7 @@ class TrackState:
         given = self.is_first and not searched  # of which chance alone decides: in the dark hardly a point is found
         enough = given or fit.support >= self.required_support(fit, predicted, searched)
         poses = SEARCHED_POSES if searched else HYPOTHESES
-        by_chance = fit.chance.edges + self.log10_searched(fit, landmarks)
-        beyond_doubt = searched and not self.is_first and by_chance < self.config.loss.log10_false_alarms
+        beyond_doubt = searched and not self.is_first and self.is_beyond_doubt(fit, landmarks)
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
 
     def log10_searched(self, fit: Fit, landmarks: Sequence[Pose]) -> float:
@@ -210,8 +209,13 @@ class TrackState:
         self.hypotheses = tuple(found)
 
     def is_sound(self, fit: Fit, least: float) -> bool:
-        """Whether a fit has a least support that chance does not explain."""
-        return fit.finite and fit.support >= least and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
+        """Whether a fit has a least support that chance does not explain, or edges that leave no doubt."""
+        enough = fit.support >= least or self.is_beyond_doubt(fit)
+        return fit.finite and enough and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
+
+    def is_beyond_doubt(self, fit: Fit, landmarks: Sequence[Pose] = ()) -> bool:
+        """Whether hardly a pose among all those of a search, or near landmarks, finds as many edges by chance."""
+        return fit.chance.edges + self.log10_searched(fit, landmarks) < self.config.loss.log10_false_alarms
 
     def return_to(self, before: "TrackState") -> None:
         """Return to an earlier state."""

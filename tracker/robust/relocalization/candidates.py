@@ -35,40 +35,55 @@ REMEMBERED_FITS = 2
 class Candidates:
     """Candidates of a search, those of earlier slices among them.
 
-    all_round: whether the guesses may be so far off that poses from all sides of them are looked at; waiting: whether
-    some of these are to be fitted; near_done: whether all likely poses were fitted since the search began; at: poses at
-    which the image looks as remembered.
+    searches: how many were begun since a pose was accepted; all_round: whether the guesses may be so far off that
+    poses from all sides of them are looked at; waiting: whether some of these are to be fitted; near_done: whether all
+    likely poses were fitted since the search began; at: poses at which the image looks as remembered.
     """
 
     def __init__(self, fitter: EdgeFitter, camera: Camera, searcher: PoseSearch) -> None:
         self.fitter, self.searcher, self.config = fitter, searcher, fitter.config.relocalization
         self.rounds, self.overview = Rounds(searcher, self.config), Overview(fitter, camera, searcher)
-        self.aligner = Aligner(fitter.edges, searcher)
+        self.aligner, self.seen_from, self.searches = Aligner(fitter.edges, searcher), list[RigidMotion](), 0
         self.begin()
 
-    def look(self, sought: Sought) -> None:
+    def look(self, guesses: list[RigidMotion], sought: Sought) -> None:
         """Look at an image."""
         self.at = NONE
         self.aligner.look(sought.image, sought.surfaces, self.fitter.work)
+        self.look_all_round(guesses, sought)
 
     def begin(self) -> None:
-        """Begin a search."""
-        self.at = NONE
+        """Begin a search; it goes on with what is left of an overview."""
+        self.at, self.begun = NONE, False
         self.kept: list[Candidate] = []
         self.rounds.begin()
-        self.overview.begin()
+        if self.overview.is_complete(len(self.seen_from)):
+            self.overview.begin()
         self.aligner.begin()
-        self.seen_from: list[RigidMotion] = []
         self.all_round = self.waiting = self.near_done = False
+
+    def begin_near(self) -> None:
+        """Begin with the guesses, and with the views nearest to them."""
+        self.searches = 0
+        self.overview.begin()
 
     def look_all_round(self, guesses: list[RigidMotion], sought: Sought) -> None:
         """Look at poses from all sides if a guess may be off by a view, and one shows the whole structure.
 
-        Not from where the mean velocity leads, the first guess, but only about where the run has been: far from there
-        a box looks alike from its other side.
+        Or would show it from as far back as it may be off, in every other search, the first one among them. Not from
+        where the mean velocity leads, the first guess, but only about where the run has been: far from there a box
+        looks alike from its other side.
         """
-        self.all_round = may_be_off_by(STEP_RAD, sought) and any(map(self.overview.shows_all, guesses))
-        self.seen_from = distinct((sought.carried and guesses[1:]) or guesses, sought.range_m, APART_PART)
+        if not sought.lost:
+            self.begin_near()
+        self.searches, self.begun = self.searches + (not self.begun), True
+        seen_from = (sought.carried and guesses[1:]) or guesses
+        back_m = max(map(self.overview.back_m, seen_from))
+        afar = self.searches % 2 == 1 and back_m <= sigma_m(sought)
+        shown = any(self.overview.back_m(guess) == 0.0 for guess in guesses)
+        self.all_round = may_be_off_by(STEP_RAD, sought) and (shown or afar)
+        seen_from = list(map(self.overview.from_afar, seen_from)) if afar else seen_from
+        self.seen_from = distinct(seen_from, sought.range_m, APART_PART)
 
     @property
     def looking(self) -> bool:
@@ -197,5 +212,9 @@ class Candidates:
 
 def may_be_off_by(part: float, sought: Sought) -> bool:
     """Whether the standard deviation of the most likely guess is larger than a part of the range."""
-    sigma_m = float(np.sqrt(sought.covariance[:3, :3].trace() / 3))
-    return sigma_m > part * sought.range_m
+    return sigma_m(sought) > part * sought.range_m
+
+
+def sigma_m(sought: Sought) -> float:
+    """Standard deviation of the place of the most likely guess."""
+    return float(np.sqrt(sought.covariance[:3, :3].trace() / 3))

@@ -139,9 +139,8 @@ class Relocator:
         """One slice of the search."""
         work, config = self.fitter.work, self.config
         self.begin_where_cut(sought.image)
-        self.candidates.look(sought)
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
-        self.candidates.look_all_round(guesses, sought)
+        self.candidates.look(guesses, sought)
         self.move_along(guesses[0] if sought.carried is None else motion(sought.carried))
         recalled = [motion(pose) for pose in sought.recalled]
         ranking, exhausted = Ranking(sought, config), False
@@ -164,8 +163,8 @@ class Relocator:
             self.best_before = motion(ranking.top.cam_from_world)
         self.found_before = ranking.is_found
         self.elsewhere = self.beyond(ranking.top)
-        all_done = self.candidates.is_complete(len(guesses)) and (exhausted or len(self.tried) >= MOST_FITS)
-        done = Done(self.candidates.near_done, all_done)
+        exhausted = exhausted or len(self.tried) >= MOST_FITS
+        done = Done(self.candidates.near_done, exhausted and self.candidates.is_complete(len(guesses)))
         return self.relocalized(ranking, sought, done, leads, rivalled=compared.any and not leads)
 
     def beyond(self, fit: Fit) -> Pose | None:
@@ -178,6 +177,7 @@ class Relocator:
         before, self.shown = self.shown, small_image(grey(image))
         if before is not None and before @ self.shown < LEAST_ALIKE:
             self.forget()
+            self.candidates.begin_near()
 
     def relocalized(self, ranking: Ranking, sought: Sought, done: Done, leads: bool, *, rivalled: bool) -> Relocalized:
         """The outcome of a slice."""

@@ -57,12 +57,17 @@ class Overview:
         """Whether all views about so many guesses were scored."""
         return self.next_block >= guesses * len(self.blocks)
 
-    def shows_all(self, guess: RigidMotion) -> bool:
-        """Whether the whole structure fits into an image taken from where a guess is.
+    def back_m(self, guess: RigidMotion) -> float:
+        """How much farther away a guess has to be for the whole structure to fit into an image taken from there.
 
         Of a part of it other sides show other parts, which no shift of the image brings into view.
         """
-        return float(np.linalg.norm(guess.R @ self.middle + guess.t)) > self.least_range_m
+        return max(0.0, self.least_range_m - float(np.linalg.norm(guess.R @ self.middle + guess.t)))
+
+    def from_afar(self, guess: RigidMotion) -> RigidMotion:
+        """A guess, moved back along its line of sight to the middle of the structure as far as it has to be."""
+        back_m, middle = self.back_m(guess), guess.R @ self.middle + guess.t
+        return RigidMotion(guess.R, guess.t + middle * (back_m / np.linalg.norm(middle)))
 
     def found(self, image: Image, around: Around, range_m: float, work: Work, until: int) -> list[Candidate]:
         """The best poses of as many views as the work allows, as candidates of the search in the small image."""
