@@ -84,6 +84,17 @@ def test_predictions_of_a_hypothesis_that_jumped_are_believed_less_than_those_of
     assert steady.scale < 0.5 * jumping.scale
 
 
+def test_from_a_place_to_another_one_that_looks_alike_nothing_moves():
+    """Found 2.4 m beside its place after 10 s, and there in the next frame: that is no velocity of 36 m/s."""
+    state, since_ns, step_ns = tracked(speed_m_s=0.2), 10_000_000_000, 66_666_667
+    for stamp_ns, x_m in ((since_ns, 2.4), (since_ns + step_ns, 0.0)):
+        likely = state.likely(state.predicted(stamp_ns * 1e-9, stamp_ns), stamp_ns)
+        state.suppose([Contender(fit(x_m, 0.7), 0.7)], likely, stamp_ns * 1e-9, stamp_ns)
+    stamp_ns += step_ns
+    (only,) = state.likely(state.predicted(stamp_ns * 1e-9, stamp_ns), stamp_ns)
+    assert abs(only.predicted.cam_from_world.translation[0]) < 0.05
+
+
 @pytest.mark.parametrize("unsound", [(0.4, -18.0), (float("nan"), -18.0), (0.9, -5.0)])
 def test_a_frame_whose_best_fit_is_weak_or_by_chance_leaves_the_hypotheses_as_they_are(unsound):
     state = tracked(speed_m_s=0.2)

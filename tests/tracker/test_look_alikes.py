@@ -1,5 +1,7 @@
 """After a loss, poses at which a structure looks alike are told apart by its surface, or not at all."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -7,11 +9,13 @@ import pytest
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, look_at
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.decision.decider import Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization import look_alikes
 from uavbench.tracker.robust.relocalization.doubts import Doubts
-from uavbench.tracker.robust.relocalization.look_alikes import CLEARLY, LookAlikes, Lost
+from uavbench.tracker.robust.relocalization.look_alikes import CLEARLY, LookAlikes, Lost, Verdict
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import Likely
 from uavbench.tracker.robust.relocalization.relocate import Relocator
@@ -134,14 +138,14 @@ def test_a_place_that_looks_otherwise_now_is_no_less_likely_than_one_that_was_no
 
 def test_a_fit_at_the_right_place_leads(everywhere):
     verdict = everywhere.compared()
-    assert verdict.leads and not verdict.contenders
+    assert verdict.leads and not verdict.contenders and not verdict.is_seen
     assert everywhere.off_m(verdict.fit) < 0.01
 
 
 @pytest.mark.parametrize("boxes", [-1, 1])
 def test_a_fit_beside_the_right_place_gives_way_to_the_one_there(everywhere, boxes):
     verdict = everywhere.compared(boxes)
-    assert verdict.leads
+    assert verdict.leads and verdict.is_seen
     assert everywhere.off_m(verdict.fit) < 0.01
 
 
@@ -165,7 +169,7 @@ def test_a_place_at_the_end_of_the_row_is_told_by_its_edges(boxes, leads):
     end.pose = before((BOXES // 2) * PANEL_M)
     end.shown = end.image(end.pose)
     verdict = end.compared(boxes, sigma=1.0)
-    assert verdict.leads == leads
+    assert verdict.leads == leads and not verdict.is_seen
     assert not leads or end.off_m(verdict.fit) < 0.01
 
 
@@ -174,7 +178,7 @@ def test_where_the_camera_can_hardly_have_come_to_adds_to_what_edges_tell():
     end = Comparison()
     end.pose = before((BOXES // 2) * PANEL_M)
     end.shown = end.image(end.pose)
-    verdict = end.compared(1, sigma=0.3)
+    verdict = end.compared(1, sigma=0.1)
     assert verdict.leads
     assert end.off_m(verdict.fit) < 0.01
 
@@ -243,3 +247,20 @@ def test_a_run_that_sees_a_box_for_the_first_time_does_not_say_which():
     way = [before(x) for x in np.linspace(-3.0 * PANEL_M, -1.5 * PANEL_M, 40)]
     found = flown(way, [before(x) for x in np.linspace(0.2 * PANEL_M, 0.4 * PANEL_M, 15)])
     assert {status for status, _ in found} <= {"ambiguous", "lost"}
+
+
+@pytest.mark.parametrize(("is_seen", "settled"), [(True, True), (False, False)])
+def test_what_is_found_at_a_look_alike_is_enough_for_the_place_that_its_surface_tells(monkeypatch, is_seen, settled):
+    """Of edges that were never seen before fewer are found as known than of those at the wrong place."""
+    pose = before(0.0)
+    image = Scene(ROW, seed=2).render(pose, noise_rng=np.random.default_rng(3))
+    run = Robust().start(ROW_OF_BOXES, CAMERA, pose, np.random.default_rng(0))
+    run.track(image, 0)
+    decider, clock = run.decider, StageClock()
+    frame = run.frames.prepared(image, STEP_NS, None, clock)
+    found = run.fitter.searched(image, pose, isotropic_covariance(0.005, RANGE_M), clock)
+    weak = replace(found, support=0.3, chance=Chance(-5.0, -5.0), cam_from_world=beside(pose, 1))
+    run.state.is_lost = True
+    monkeypatch.setattr(decider, "initialized_or_recovered", lambda *_: Decision(found, True, searched=True))
+    monkeypatch.setattr(decider, "told", lambda *_: Verdict(weak, leads=True, is_seen=is_seen))
+    assert decider.decide(frame, found, clock).settled == settled

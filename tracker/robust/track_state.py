@@ -196,17 +196,24 @@ class TrackState:
         sound = [each for each in contenders if self.is_sound(each.fit, least)]
         if self.is_first or not sound or sound[0] is not contenders[0]:
             return
-        before = self.hypotheses or (
-            Hypothesis(self.motion, stamp_ns - round(dt_s * 1e9), 0.0, self.prediction_errors),
-        )
+        accepted = Hypothesis(self.motion, stamp_ns - round(dt_s * 1e9), 0.0, self.prediction_errors)
         found = []
         for fit, worth, follows in sound:
-            motion, since_ns, _, errors = before[follows]
+            goes_on = self.hypotheses and self.goes_on(fit, likely[follows].predicted, dt_s)
+            motion, since_ns, _, errors = self.hypotheses[follows] if goes_on else accepted
             since_s = (stamp_ns - since_ns) * 1e-9
             moved = motion.update(fit.cam_from_world, fit.covariance, since_s, self.config.motion.memory_s)
             errors = errors.updated(likely[follows].predicted, fit.cam_from_world, rate)
             found.append(Hypothesis(moved, stamp_ns, worth - sound[0].worth, errors))
         self.hypotheses = tuple(found)
+
+    def goes_on(self, fit: Fit, predicted: Motion, dt_s: float) -> bool:
+        """Whether a fit is the continuation of a prediction, and not as far from it as one of the last accepted pose.
+
+        A place at which the structure looks alike is no motion from the other one.
+        """
+        near, there = predicted.squared_mahalanobis(fit.cam_from_world), self.reach(dt_s)
+        return near <= max(FAR_CHI2, min(each.squared_mahalanobis(fit.cam_from_world) for each in there))
 
     def is_sound(self, fit: Fit, least: float) -> bool:
         """Whether a fit has a least support that chance does not explain, or edges that leave no doubt."""

@@ -36,15 +36,17 @@ class Decision(NamedTuple):
     """A fit, and whether it is accepted.
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
-    well. searched: the fit is that of a pose search. is_open: a settled pose that is not told apart (yet) from those
-    around it: it is doubted, or not known well enough. leads: in this frame and the last one that was searched, an
-    unsettled fit leads those at likely poses. contenders: the fits that may be right, where it is not settled.
+    well. searched: the fit is that of a pose search. holds: chance would not find as much as was found at a look-alike,
+    from which the surface tells it. is_open: a settled pose that is not told apart (yet) from those around it: it is
+    doubted, or not known well enough. leads: in this frame and the last one that was searched, an unsettled fit leads
+    those at likely poses. contenders: the fits that may be right, where it is not settled.
     """
 
     fit: Fit
     settled: bool
     rivalled: bool = False
     searched: bool = False
+    holds: bool = False
     is_open: bool = False
     leads: bool = False
     contenders: tuple[Contender, ...] = ()
@@ -73,7 +75,7 @@ class Decider:
         given = best is tracked or (first and self.kept_initial)
         fit = best if given else self.beginnings.freed(best)
         recent = not self.is_slow(frame)
-        held = self.state.holds(fit, frame.predicted, found.searched, recent, self.recalled.landmarks)
+        held = found.holds or self.holds(frame, fit, searched=found.searched)
         slid = found.settled and held and self.found_edges.has_slid(fit, again=recent and not first)
         settled = found.settled and held and not slid
         self.state.is_lost = not settled
@@ -106,8 +108,14 @@ class Decider:
         told = self.told(frame, fit, state, clock)
         if told is None:
             return found
+        holds = told.is_seen and told.fit.finite and self.holds(frame, fit, searched=found.searched)
         searched = found.searched or told.fit is not fit
-        return Decision(told.fit, told.leads, not told.leads, searched, contenders=told.contenders)
+        return Decision(told.fit, told.leads, not told.leads, searched, holds, contenders=told.contenders)
+
+    def holds(self, frame: Frame, fit: Fit, searched: bool) -> bool:
+        """Whether chance would not find as much as a fit does."""
+        recent, landmarks = not self.is_slow(frame), self.recalled.landmarks
+        return self.state.holds(fit, frame.predicted, searched, recent, landmarks)
 
     def told(self, frame: Frame, fit: Fit, since: TrackState, clock: StageClock) -> Verdict | None:
         """The likeliest pose of those at which the structure looks as at a fit, by the last pose of a state."""

@@ -37,7 +37,13 @@ MOST_COMPARED = 16
 """Poses that are compared, the likeliest first: limits the time before a facade of many windows. Others count as not
 seen."""
 CLEARLY = 1.0
-"""Powers of ten by which a pose has to be likelier than others at which the structure looks alike."""
+"""Powers of ten by which a pose has to be likelier than others at which the structure looks alike, by its surface."""
+BY_EDGES, PART_BY_EDGES = 6.0, 0.3
+"""The same where edges tell it: so many, or a part of those by which chance does not explain them, if that is less.
+
+What hides or lights an edge does so to all its points. Measured on walls after losses of 5 and 9 s, in 90 frames: in
+five of them a wrong place led by 3.9 to 5.9, 0.13 to 0.28 of those powers; the true one by up to 34.
+"""
 
 
 class Lost(NamedTuple):
@@ -57,12 +63,14 @@ class Lost(NamedTuple):
 class Verdict(NamedTuple):
     """The likeliest of poses at which a structure looks alike.
 
-    leads: whether it is clearly likelier than the others; contenders: where it is not, it and others as likely.
+    leads: whether it is clearly likelier than the others; contenders: where it is not, it and others as likely;
+    is_seen: whether it leads, and the surface looks there as the run saw it, at the given fit clearly less so.
     """
 
     fit: Fit
     leads: bool
     contenders: tuple[Contender, ...] = ()
+    is_seen: bool = False
 
 
 class Placed(NamedTuple):
@@ -100,9 +108,9 @@ class LookAlikes:
         if self.fitter.work.left < looks:
             self.awaited = moves + looks
             return self.undecided(lost, fit)
-        rarity, whole, anew, best = self.by_surface(lost, poses), dict[int, float](), dict[int, Fit](), 0
+        rarity, whole, anew = self.by_surface(lost, poses), dict[int, float](), dict[int, Fit]()
         likely = rarity + by_motion(lost, poses)
-        least = CLEARLY + log10(1 + self.looks)
+        best = 0 if likely[0] > likely.max() - CLEARLY else int(np.argmax(likely))
         while new := [k for k in as_likely(likely, best) if k not in whole]:
             if not self.doubts.without_memory().has_room_for(1):
                 self.awaited = moves + looks + self.fitter.cost(len(anew) + 2)  # one tells more than this frame did
@@ -111,16 +119,24 @@ class LookAlikes:
             anew[k] = self.anew(lost, poses[k])
             same = self.show_the_same(Placed(poses[best], anew[best]), Placed(poses[k], anew[k]))
             whole[k] = likely[k] - anew[best if same else k].chance.edges
-            if k != best and abs(whole[k] - whole[best]) < (CLEARLY if same else least):
+            if k != best and abs(whole[k] - whole[best]) < (CLEARLY if same else self.least(anew[k], anew[best])):
                 self.looks += 1
                 return self.undecided(lost, anew[best] if best else fit, anew[k])
             best = max(whole, key=whole.__getitem__)
         if others and rarity[best] < UNSEEN + CLEARLY:
             return self.undecided(lost, fit)
-        if best and not self.fitter.has_room_for(1):
-            return self.undecided(lost, anew[best], fit)
+        if best and not self.fitter.has_room_for(1 if best in anew else 2):
+            self.awaited = moves + looks + self.fitter.cost(2)
+            return self.undecided(lost, anew.get(best, fit), fit)
         self.looks = 0
-        return Verdict(self.at(lost, anew[best]) if best else fit, leads=True)
+        is_seen = bool(rarity[best] >= rarity[0] + CLEARLY)
+        found = self.at(lost, anew.get(best) or self.anew(lost, poses[best])) if best else fit
+        return Verdict(found, leads=True, is_seen=is_seen)
+
+    def least(self, fit: Fit, other: Fit) -> float:
+        """Powers of ten by which one of two fits without memory, whose edges are compared again, has to be likelier."""
+        part = PART_BY_EDGES * max(-fit.chance.edges, -other.chance.edges)
+        return max(CLEARLY, min(BY_EDGES, part)) + log10(1 + self.looks)
 
     def poses(self, lost: Lost, fit: Fit) -> list[RigidMotion]:
         """The pose of a fit, and those within reach at which the structure looks as there, the likeliest first."""
