@@ -1,6 +1,7 @@
 """Whether the model is where images show it, at poses of one's own or at the same in another convention."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -121,7 +122,11 @@ def _turned(camera: Camera) -> list[Callable[[Pose, Pose], Pose]]:
     angle = TURNED * float(np.hypot(camera.width / camera.fx, camera.height / camera.fy))
     ways = 2 * np.pi * np.arange(WAYS) / WAYS
     turns = [Pose.exp(np.array([0.0, 0.0, 0.0, angle * np.cos(way), angle * np.sin(way), 0.0])) for way in ways]
-    return [lambda pose, cam, turn=turn: turn @ cam @ pose.inverse() for turn in turns]  # type: ignore[misc]
+    return [partial(_with_camera, turn) for turn in turns]
+
+
+def _with_camera(turn: Pose, pose: Pose, cam: Pose) -> Pose:
+    return turn @ cam @ pose.inverse()
 
 
 def _better(seen: Seen, given: float) -> str:
