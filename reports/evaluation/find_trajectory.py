@@ -19,6 +19,7 @@ from uavbench.trajectories.files.tables import column_names, line_of_row, plain_
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import InvalidRowError, Trajectory
 from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
+from uavbench.trajectories.trajectory_files.export_description import description_of
 from uavbench.trajectories.trajectory_files.formats import (
     declared_frame,
     guess_format,
@@ -44,14 +45,10 @@ OF_BODY = ("euroc", "mcap", "rosbag2")
 """Exports whose poses have the stamps of the body's clock; those of others have the stamps of the images."""
 BAGS = ("bag.mcap", "bag")
 """Names of the bag in an export to MCAP or rosbag2."""
-EXPORT = "export.json"
-"""Description of an export; it declares the frame for formats that cannot."""
 ROUNDING_S = 1e-3
 """Most by which a time in s may differ from its stamp in ns: many programs write milliseconds, or cut them off."""
 CAMERAS = "cameras"
 """Folder of a sequence that holds those of its further cameras, and their table in sequence.json."""
-LEVELS = 4
-"""Number of parent folders of a file that are searched for export.json."""
 
 
 class Clock(NamedTuple):
@@ -291,19 +288,18 @@ class Declared(NamedTuple):
 
 def _exported(file: Path) -> Declared:
     """What an export declares of one of its files; nothing of other files."""
-    here = file.resolve()
-    for folder in here.parents[:LEVELS]:
-        if (folder / EXPORT).is_file():
-            about = read_json(folder / EXPORT)
-            frames, camera = about.get("frames", {}), about.get("camera")
-            files = frames if isinstance(frames, dict) else {}
-            name = here.relative_to(folder).as_posix()
-            said = next((files[each] for each in (name, f"{name}/bag.db3") if each in files), None)
-            if not isinstance(said, str):
-                return Declared()
-            clock = Clock(about.get("format") in OF_BODY, _shift_ns(about))
-            return Declared(said, camera if isinstance(camera, str) else None, clock)
-    return Declared()
+    description = description_of(file)
+    if description is None:
+        return Declared()
+    about = read_json(description)
+    frames, camera = about.get("frames", {}), about.get("camera")
+    files = frames if isinstance(frames, dict) else {}
+    name = file.resolve().relative_to(description.parent).as_posix()
+    said = next((files[each] for each in (name, f"{name}/bag.db3") if each in files), None)
+    if not isinstance(said, str):
+        return Declared()
+    clock = Clock(about.get("format") in OF_BODY, _shift_ns(about))
+    return Declared(said, camera if isinstance(camera, str) else None, clock)
 
 
 def _own_clock(file: Path) -> Clock | None:

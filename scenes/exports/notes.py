@@ -14,6 +14,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.tables import column_names
 from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.trajectory_files.export_description import EXPORT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +143,7 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
         "frames": held.frames,
         "not_held": missing,
     }
-    write_text(folder / "export.json", json.dumps(about, indent=1) + "\n")
+    write_text(folder / EXPORT, json.dumps(about, indent=1) + "\n")
     of = "" if shown_name(sequence) == MAIN else f", camera `{shown_name(sequence)}`"
     lines = [
         f"# {sequence.name}{of} in the format {format}",

@@ -41,13 +41,12 @@ from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.export_description import description_of
 
 VISP_IMAGES = (Path("/usr/share/visp-images-data/ViSP-images"), Path("/usr/local/share/visp-images-data/ViSP-images"))
 Row = tuple[float, float, float, float]
 RECORDED = Marker("manifest.json", "recorded sequence")
 VISP_CUBE = "mbt/cube"
-EXPORT_LEVELS = 4
-"""Folders above a ground truth that may hold the export.json which describes it, as for `evaluate`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +209,8 @@ class RecordingSpec:
             return ()
         bag = bag_topic(given)
         beside = (bag.bag,) if bag else (given.with_name("times.txt"), given.with_name("sequence.json"))
-        exported = (folder / "export.json" for folder in (bag.bag if bag else given).resolve().parents[:EXPORT_LEVELS])
-        return tuple(path for path in (*beside, *exported) if path.is_file())
+        exported = description_of(bag.bag if bag else given)
+        return (*(path for path in beside if path.is_file()), *((exported,) if exported else ()))
 
 
 def record(
