@@ -17,7 +17,7 @@ DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
 SRGB = srgb_light(np.arange(256) / 255)
 
 
-def edge(distance, angle_deg, noise=0.0, rng=None):
+def edge(distance, angle_deg, noise=0.0, rng=None, bright=BRIGHT):
     """Image of a half plane that begins so many px beyond the middle along a normal: mixed light, sRGB codes."""
     nu, nv = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
@@ -25,7 +25,7 @@ def edge(distance, angle_deg, noise=0.0, rng=None):
     lens = math.sqrt(BLUR_PX**2 - 1 / 12)  # the rest of the blur is that of the pixels' area
     share = 0.5 * (1 + np.vectorize(math.erf)(across / (math.sqrt(2) * lens)))
     share = share.reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
-    codes = encode(DARK * (1 - share) + BRIGHT * share).astype(float)
+    codes = encode(np.minimum(1, DARK * (1 - share) + bright * share)).astype(float)
     codes += rng.normal(0, noise, codes.shape) if rng is not None else 0.0
     return np.clip(np.rint(codes), 0, 255).astype(np.uint8), np.array([SIZE // 2, SIZE // 2, nu, nv], dtype=float)
 
@@ -49,9 +49,9 @@ def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB[None], room=Non
     return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room)
 
 
-def direction():
+def direction(bright=BRIGHT):
     row = np.zeros(8)
-    row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0], 5
+    row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(np.minimum(1, bright)[None, None])[0, 0], 5
     colour = np.empty(3)
     return learned_light(row, 3, SRGB[None], colour), colour
 
@@ -101,6 +101,41 @@ def test_its_variance_is_that_of_its_error():
         fits.append(fit(image, line, 0.1, colour))
     found, variance = np.transpose(fits)
     assert 0.6 < np.mean((found - 0.1) ** 2 / variance) < 1.6
+
+
+@pytest.mark.parametrize(("times", "beside_px"), [(2.5, 0.02), (5, 0.08), (15, 0.25)])
+def test_a_step_to_light_that_is_blown_out_is_where_it_is(times, beside_px):
+    """All pixels together would have it up to 0.76 px into the dark side, with a hundred times the variance."""
+    rng, bright = np.random.default_rng(0), times * BRIGHT
+    step, colour = direction(bright)
+    assert step > 0.5
+    errors, variances = [], []
+    for _ in range(200):
+        distance = rng.uniform(-0.2, 0.2)
+        image, line = edge(distance, rng.uniform(0, 360), 1.5, rng, bright)
+        found = fit(image, line, fit(image, line, 0.0, colour).distance, colour)
+        if np.isfinite(found.distance):
+            errors.append(found.distance - distance)
+            variances.append(found.variance_px2)
+    assert len(errors) >= 100
+    assert abs(np.mean(errors)) < beside_px
+    assert np.mean(np.square(errors) / variances) < 5
+
+
+def test_channels_that_are_not_blown_out_are_enough():
+    rng, bright = np.random.default_rng(0), BRIGHT * [0.9, 0.9, 8]
+    _, colour = direction(bright)
+    assert colour[2] == 0.0
+    image, line = edge(0.1, 30, 1.5, rng, bright)
+    assert fit(image, line, 0.1, colour).distance == pytest.approx(0.1, abs=0.03)
+    _, of_most = direction(BRIGHT * [0.1, 0.2, 8])
+    assert of_most[2] > 0.9  # the others show hardly a step
+
+
+def test_nothing_is_located_where_both_sides_are_blown_out():
+    _, colour = direction()
+    image, line = edge(0.0, 30)
+    assert fit(np.full_like(image, 255), line, 0.0, colour).distance == np.inf
 
 
 def test_no_step_is_found_where_there_is_none_or_it_goes_the_other_way():

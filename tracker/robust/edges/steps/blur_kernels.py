@@ -58,7 +58,8 @@ def excess_blur(
             edges[k, U] = lines[p, U] + moved * lines[p, NORMAL_U]
             edges[k, V] = lines[p, V] + moved * lines[p, NORMAL_V]
         n = sums_of_steps(image, edges, 0.0, strip, colour, sums)
-        if n == 0:
+        seen = products[size - 1, size - 1]
+        if n == 0 or seen < n:
             continue
         for i in range(COMPONENTS):  # the level is eliminated
             x[i] = products[size - 2, 2 * i] - products[size - 1, size - 2] * products[size - 1, 2 * i] / n

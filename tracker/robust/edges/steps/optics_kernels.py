@@ -12,6 +12,11 @@ PIXEL_PX = 1 / math.sqrt(12)
 """Standard deviation of the area of a pixel, in any direction: the least blur."""
 FIRST_BLUR_PX = 0.5
 """Blur of a frame before any was measured: that of a pixel, and 0.4 px of a sharp lens."""
+BLOWN_OUT = 250
+"""Least code of light that may be more than a pixel holds: 255, less what noise and compression take away."""
+LEAST_PART = 0.25
+"""Least part of the square of a step in the channels that are not blown out, which are then enough: without one of its
+levels a step is located with about four times the variance."""
 
 
 class Optics(NamedTuple):
@@ -28,15 +33,24 @@ OPTICS = named_tuple(Optics, "f2! f0")
 
 @inlined(allocates=False)
 def learned_light(row: Array, channels: int, light: Array, colour: Array) -> float:
-    """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`."""
+    """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`.
+
+    Channels of which a side is blown out are left out if the others tell enough.
+    """
     colour[:] = 0.0
     if not row[TIMES_SEEN] > 0.0:
         return 0.0
-    square = 0.0
+    square, seen = 0.0, 0.0
     for c in range(channels):
         high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
         colour[c] = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
         square += colour[c] * colour[c]
+        seen += colour[c] * colour[c] if max(high, low) < BLOWN_OUT else 0.0
+    if LEAST_PART * square <= seen < square:
+        square = seen
+        for c in range(channels):
+            if max(row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]) >= BLOWN_OUT:
+                colour[c] = 0.0
     step = math.sqrt(square)
     if step > 0.0:
         for c in range(channels):

@@ -29,6 +29,8 @@ their sum must be a step."""
 HEIGHT_INFORMATION = 1e-4
 """Prior information on a height: the square of a pixel's noise, 0.01, over that of a height, 1. It decides where two
 edges are one in the image."""
+LEAST_SEEN = 1 / 3
+"""Part of the pixels about a point that must not be blown out: those of one side, and of the step."""
 ITERATIONS = 3
 """Of Gauss-Newton: the heights, then the shift with them, then both."""
 
@@ -76,17 +78,18 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     are in `sums`.
     """
     steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, sums)
-    if n < 3 * ACROSS:
-        return NO_STEP
     products, last, rows = sums.products, 2 * steps + 1, len(sums.by_response)
+    seen = products[last, last]
+    if n < 3 * ACROSS or not seen > LEAST_SEEN * n:
+        return NO_STEP
     if steps == 1 and rows == 0:
         return fit_alone(sums, n, start, strip.optics.light[0, 1])
     for i in range(last + 1, last + 1 + rows):  # the level is eliminated
         for j in range(last):
-            products[i, j] -= products[i, last] * products[last, j] / n
+            products[i, j] -= products[i, last] * products[last, j] / seen
     for i in range(last):
         for j in range(i + 1):
-            products[i, j] -= products[last, i] * products[last, j] / n
+            products[i, j] -= products[last, i] * products[last, j] / seen
             products[j, i] = products[i, j]
     light, A, x, height = 2 * steps, sums.A, sums.x[: steps + 1], sums.height
     for i in range(steps):
@@ -120,13 +123,13 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
             whole += height[i]
     if not whole > strip.optics.light[0, 1]:  # less than one code
         return NO_STEP
-    noise = max(0.0, products[light, light] - explained) / (n - steps - 2)
+    noise = max(0.0, products[light, light] - explained) / (seen - steps - 2)
     for r in range(rows):
         sums.by_response[r] = -moved_by(last + 1 + r, steps, shift, sums) * A[steps, steps]
     for own in range(steps if steps > 1 else 0):
         sums.shares[own] = -height[own] * moved_by(2 * own + 1, steps, shift, sums) * A[steps, steps]
     write_misfit(steps, n, Step(shift, A[steps, steps]), sums)
-    return Step(start + shift, noise * A[steps, steps])
+    return Step(start + shift, noise * A[steps, steps] + left_px2(seen, n, x[steps]))
 
 
 @inlined(allocates=False)
@@ -141,12 +144,12 @@ def write_misfit(steps: int, n: int, shift: Step, sums: Sums) -> None:
     level, light_block, light_column = products[last, 2 * steps], steps // 2, 2 * (steps % 2)
     for i in range(steps):
         level -= height[i] * (products[last, 2 * i] - shift.distance * products[last, 2 * i + 1])
-    level /= n
+    level /= products[last, last]
     per_light = math.sqrt(shift.variance_px2 * ACROSS / (n * free)) if free > 0 else 0.0
     for x in range(ACROSS):
         total = 0.0
         for q in range(x, n, ACROSS):
-            total += sums.terms[light_block, q, light_column] - level
+            total += sums.terms[light_block, q, light_column] - level * sums.terms[light_block, q, light_column + 1]
             for i in range(steps):
                 block, at = i // 2, 2 * (i % 2)
                 total -= height[i] * (sums.terms[block, q, at] - shift.distance * sums.terms[block, q, at + 1])
@@ -172,17 +175,23 @@ def moved_by(row: int, steps: int, shift: float, sums: Sums) -> float:
 
 
 @inlined(allocates=False)
+def left_px2(seen: float, n: int, moved_px: float) -> float:
+    """What is left of the last iteration's step, squared, where a side is blown out: its level is told by little."""
+    return moved_px * moved_px if seen < n else 0.0
+
+
+@inlined(allocates=False)
 def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
     """As `fit_step` of one step, from the sums over n pixels, whose height must be more than `least`.
 
     The same operations in the same order, number by number: most edges stand alone.
     """
-    products = sums.products
+    products, seen = sums.products, sums.products[3, 3]
     HH, SH, SS = products[0, 0], products[1, 0], products[1, 1]
     LH, LS, LL = products[2, 0], products[2, 1], products[2, 2]
     of_H, of_S, of_L = products[3, 0], products[3, 1], products[3, 2]
-    HH, SH, SS = HH - of_H * of_H / n, SH - of_S * of_H / n, SS - of_S * of_S / n  # the level is eliminated
-    LH, LS, LL = LH - of_L * of_H / n, LS - of_L * of_S / n, LL - of_L * of_L / n
+    HH, SH, SS = HH - of_H * of_H / seen, SH - of_S * of_H / seen, SS - of_S * of_S / seen  # the level is eliminated
+    LH, LS, LL = LH - of_L * of_H / seen, LS - of_L * of_S / seen, LL - of_L * of_L / seen
     height, shift, explained, variance = 0.0, 0.0, 0.0, 0.0
     for iteration in range(ITERATIONS):
         cross = SH - shift * SS
@@ -209,4 +218,4 @@ def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
         return NO_STEP
     sums.height[0] = height
     write_misfit(1, n, Step(shift, variance), sums)
-    return Step(start + shift, max(0.0, LL - explained) / (n - 3) * variance)
+    return Step(start + shift, max(0.0, LL - explained) / (seen - 3) * variance + left_px2(seen, n, y))

@@ -11,7 +11,7 @@ import numpy as np
 
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import BLOWN_OUT, Optics
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
@@ -78,7 +78,8 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
 
     edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
     on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
-    over `along` px. The first 2 k + 2 + r rows of the products in `sums` become those of these pixels.
+    over `along` px. The first 2 k + 2 + r rows of the products in `sums` become those of these pixels; of pixels that
+    are blown out all terms are 0, since their light is not known.
     """
     h, w, channels = image.shape
     along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
@@ -110,11 +111,14 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
                     terms[block, pixels + x, 2], terms[block, pixels + x, 3] = STEP[at], SLOPE[at] * widths_per_px
                 else:
                     terms[block, pixels + x, 0], terms[block, pixels + x, 1] = STEP[at], SLOPE[at] * widths_per_px
+        brightest = 0
         for x in range(ACROSS):
             column, row = (low + x, y) if by_rows else (y, low + x)
             light = 0.0
             for c in range(channels):
-                light += colour[c] * light_of[0, image[row, column, c]]
+                code = image[row, column, c]
+                brightest = max(brightest, int(code))
+                light += colour[c] * light_of[0, code]
             terms[light_block, pixels + x, light_column] = light
             terms[light_block, pixels + x, light_column + 1] = 1.0
         for r in range(len(light_of) - 1):
@@ -125,12 +129,28 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
                 for c in range(channels):
                     light += colour[c] * light_of[1 + r, image[row, column, c]]
                 terms[at_block, pixels + x, at_column] = light
+        if brightest >= BLOWN_OUT:
+            leave_out_blown(image, by_rows, low, y, colour, terms[:, pixels : pixels + ACROSS])
         pixels += ACROSS
     for i in range((2 * steps + 2 + len(light_of) - 1 + TILE - 1) // TILE):
         for j in range(i):
             sum_tile(terms, i, j, pixels, sums.products)
         sum_half_tile(terms, i, pixels, sums.products)
     return pixels
+
+
+@inlined(allocates=False)
+def leave_out_blown(image: Image, by_rows: bool, low: int, y: int, colour: Array, terms: Array) -> None:
+    """Make 0 all terms (m, ACROSS, TILE) of the pixels of a scan line that are blown out in a channel that counts."""
+    for x in range(ACROSS):
+        column, row = (low + x, y) if by_rows else (y, low + x)
+        blown_out = False
+        for c in range(image.shape[2]):
+            blown_out = blown_out or (colour[c] != 0.0 and image[row, column, c] >= BLOWN_OUT)
+        if blown_out:
+            for block in range(len(terms)):
+                for k in range(TILE):
+                    terms[block, x, k] = 0.0
 
 
 @inlined(allocates=False)
