@@ -16,6 +16,7 @@ from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
 from uavbench.bench.runner.extent import (
+    current_folders,
     extents,
     problems_of_extents,
     shortfalls,
@@ -127,7 +128,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
 
 def tell_extents(jobs: list[Job], what: str) -> int:
     """Report the sequences or flights (`what`) that jobs would make; the exit code is 2 when one cannot be made."""
-    found = extents(job.work for job in jobs)
+    found = extents((job.work for job in jobs), current_folders(jobs))
     if not found:
         return 0
     say(table_of_extents(found, what))

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,9 +10,9 @@ from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.sensing import live
 from uavbench.bench.disk_space.sequence_bytes import sequence_bytes
-from uavbench.bench.runner.graph import Work, fault_line
+from uavbench.bench.inputs.content_hash import carried_hash
+from uavbench.bench.runner.graph import Job, Work, fault_line
 from uavbench.bench.runner.tasks import Fly, Render, Video
-from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
 from uavbench.scenes.scene import confines_of, obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
@@ -40,8 +40,8 @@ MOST_FLOWN_S = 1200.0
 class Extent:
     """Size of each sequence or flight of one name, one per seed, or the reason why their path cannot be planned.
 
-    bytes: of one of them, measured on disk if one is there, else estimated. problem: why it cannot be made. unreached:
-    what its cameras do not reach.
+    bytes: of one of them, measured on disk if one was made from the current inputs, else estimated. problem: why it
+    cannot be made. unreached: what its cameras do not reach.
     """
 
     name: str
@@ -54,8 +54,20 @@ class Extent:
     unreached: tuple[str, ...] = ()
 
 
-def extents(works: Iterable[Work]) -> list[Extent]:
-    """Extent of the sequences or flights by name; those that differ only by their seed are planned and flown once."""
+def current_folders(jobs: Iterable[Job]) -> set[Path]:
+    """Folders of the sequences, flights and videos that are there and were made from the current inputs."""
+    return {
+        job.work.folder
+        for job in jobs
+        if isinstance(job.work, Render | Fly | Video) and carried_hash(job.marker) == job.content_hash
+    }
+
+
+def extents(works: Iterable[Work], current: Collection[Path] = ()) -> list[Extent]:
+    """Extent of the sequences or flights by name; those that differ only by their seed are planned and flown once.
+
+    current: the folders that need not be made anew, whose bytes are those of all alike.
+    """
     works = list(works)
     videos = {work.flight: work.folder for work in works if isinstance(work, Video)}
     by_name: dict[str, list[Render | Fly]] = {}
@@ -63,7 +75,7 @@ def extents(works: Iterable[Work]) -> list[Extent]:
         if isinstance(work, Render | Fly) and isinstance(work.spec, SequenceSpec):
             by_name.setdefault(_name(work), []).append(work)
     plans: dict[str, FlightSummary | str] = {}
-    found = [_extent(name, alike, plans, videos) for name, alike in by_name.items()]
+    found = [_extent(name, alike, plans, videos, current) for name, alike in by_name.items()]
     found = [
         replace(each, problem=each.problem or _rate_problem(alike[0], each.summary))
         for each, alike in zip(found, by_name.values(), strict=True)
@@ -143,7 +155,11 @@ def _name(work: Render | Fly) -> str:
 
 
 def _extent(
-    name: str, alike: list[Render | Fly], plans: dict[str, FlightSummary | str], videos: Mapping[Path, Path]
+    name: str,
+    alike: list[Render | Fly],
+    plans: dict[str, FlightSummary | str],
+    videos: Mapping[Path, Path],
+    current: Collection[Path],
 ) -> Extent:
     spec = alike[0].spec
     assert isinstance(spec, SequenceSpec)
@@ -156,14 +172,13 @@ def _extent(
         plan = replace(plan, duration_s=min(plan.duration_s, first.pilot.loop.time_limit_s or math.inf))
         frames = _frames_flown(spec, plan.duration_s, first.pilot.rate_hz)
         size = _bytes_flown(spec, frames, plan.duration_s) + VIDEO_FRAME_BYTES * frames * (first.folder in videos)
-        marker = FLIGHT_MARKER.name
     else:
         frames = _frames(plan.duration_s - max(spec.clock.shift_ns, 0) / 1e9, spec.rate_hz)
-        size, marker = sequence_bytes(spec, frames, plan.duration_s), "sequence.json"
-    done = next((work.folder for work in alike if (work.folder / marker).is_file()), None)
-    if done is None:
+        size = sequence_bytes(spec, frames, plan.duration_s)
+    written = [{work.folder, videos.get(work.folder, work.folder)} for work in alike]
+    folders = next((each for each in written if each <= set(current)), None)
+    if folders is None:
         return Extent(name, len(alike), frames, plan, size)
-    folders = [done, videos[done]] if done in videos else [done]
     size = float(sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file()))
     return Extent(name, len(alike), frames, plan, size, measured=True)
 

@@ -7,9 +7,8 @@ from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
-from uavbench.bench.runner.extent import extents, shortfalls
-from uavbench.bench.runner.jobs import plan
-from uavbench.bench.runner.tasks import Render
+from uavbench.bench.runner.extent import current_folders, extents, shortfalls
+from uavbench.bench.runner.jobs import plan, plan_flights
 from uavbench.trajectories.simulation.summary import FlightSummary
 
 SUITE = """
@@ -155,14 +154,31 @@ def test_a_dry_run_refuses_what_the_command_would(suite, tmp_path):
     assert "no table [loop]" in CliRunner().invoke(main, ["fly", str(suite), "--dry-run"]).output
 
 
-def test_what_is_rendered_is_weighed(suite, tmp_path):
-    renders = [Render(spec, tmp_path / spec.name) for spec in load_suite(suite).sequences]
-    (tmp_path / "timed-s1").mkdir()
-    (tmp_path / "timed-s1" / "sequence.json").write_text("x" * 1000)
-    found = {each.name: each for each in extents(renders)}
+def test_what_is_rendered_is_weighed_and_what_is_outdated_estimated(suite, tmp_path):
+    jobs = plan(load_suite(suite), tmp_path / "out", last="render")
+    hashes = {job.marker.parent.name: job.content_hash for job in jobs}
+    for name, carried in (("timed-s1", hashes["timed-s1"]), ("pilot-s0", hashes["pilot-s1"])):
+        folder = tmp_path / "out" / "sequences" / name
+        folder.mkdir(parents=True)
+        (folder / "sequence.json").write_text(json.dumps({"content_hash": carried}).ljust(1000))
+    works = [job.work for job in jobs]
+    found = {each.name: each for each in extents(works, current_folders(jobs))}
     assert (found["timed"].bytes, found["timed"].measured) == (1000.0, True)
     assert not found["hasty"].measured
+    assert not found["pilot"].measured and found["pilot"].bytes > 1e7
     assert found["never"].problem
+
+
+def test_a_flight_without_its_video_is_no_measure_of_both(suite, tmp_path):
+    suite.write_text(SUITE + LOOP)
+    jobs = plan_flights(load_suite(suite), tmp_path / "out", "report", "page", video=True)
+    (fly,) = (job for job in jobs if job.name == "fly pilot-s0 hold@5hz+soon")
+    fly.marker.parent.mkdir(parents=True)
+    fly.marker.write_text(json.dumps({"content_hash": fly.content_hash}))
+    assert current_folders(jobs) == {fly.marker.parent}
+    found = {each.name: each for each in extents((job.work for job in jobs), current_folders(jobs))}
+    filmed, other = found["pilot hold@5hz+soon"], found["pilot hold@5hz+late"]
+    assert not filmed.measured and filmed.bytes == other.bytes
 
 
 def test_a_render_tells_what_was_not_reached(tmp_path):
