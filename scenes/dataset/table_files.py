@@ -15,7 +15,7 @@ from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.tables import Readings, integers, named_rows, numbers, readings
 from uavbench.trajectories.pose import Array
 
-FORMAT = 9
+FORMAT = 10
 """Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
 
 1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
@@ -29,6 +29,7 @@ the nearest facet; hills, ground and plants of a site.
 shadows of scenes of more than 20 m; with distortion, depth, masks, flow and normals of thin faces and at the sky.
 9: rows of a rolling shutter that see beyond the render and its margin; auto exposure on an interlaced link above 60 Hz;
 vertex colours of glTF; edges of surfaces that are there from both sides.
+10: with distortion or a rolling shutter, what shows beside leaves and in their gaps, in all that is traced.
 """
 OF_A_SEQUENCE = ("sequence.json", "manifest.json")
 """JSON files of a sequence's folder."""

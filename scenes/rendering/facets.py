@@ -27,14 +27,15 @@ class Facets:
     """Triangles of all drawn meshes, concatenated.
 
     first (m,): row of the first triangle of each mesh; corners_m (n, 3, 3) in the frame of the part, which is the world
-    for static parts; instances (n,) of their parts; movers: rows and motion of each moving mesh; mover_of (n,): which
-    of them a facet belongs to, counted from 1, 0 for none; moving (2,): the first facet that moves, and the one after
-    the last; has_sky: whether the background is a sky.
+    for static parts; instances (n,) of their parts; masked (n,): 1 for those of parts with an alpha mask, else 0;
+    movers: rows and motion of each moving mesh; mover_of (n,): which of them a facet belongs to, counted from 1, 0 for
+    none; moving (2,): the first facet that moves, and the one after the last; has_sky: whether the background is a sky.
     """
 
     first: Rows
     corners_m: Array
     instances: NDArray[np.uint8]
+    masked: NDArray[np.uint8]
     movers: tuple[tuple[slice, Mover], ...]
     mover_of: Rows
     moving: Rows
@@ -52,13 +53,14 @@ class Facets:
             if mover is not None
         )
         instances = np.repeat([part.instance for part, _ in drawn], counts).astype(np.uint8)
+        masked = np.repeat([part.cutout for part, _ in drawn], counts).astype(np.uint8)
         mover_of = np.zeros(len(instances), dtype=np.int64)
         for number, (rows, _) in enumerate(movers, 1):
             mover_of[rows] = number
         any_moving = np.flatnonzero(mover_of)
         moving = np.array([any_moving[0], any_moving[-1] + 1] if len(any_moving) else [0, 0], dtype=np.int64)
         all_corners = np.concatenate([np.zeros((0, 3, 3)), *corners])
-        return cls(first, all_corners, instances, movers, mover_of, moving, has_sky)
+        return cls(first, all_corners, instances, masked, movers, mover_of, moving, has_sky)
 
     def steps(self, from_s: float, to_s: float) -> list[Pose]:
         """Motion in the world from one time to another, in seconds, of each mover."""

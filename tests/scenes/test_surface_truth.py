@@ -27,7 +27,8 @@ from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTru
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.generate import generate
 from uavbench.scenes.png.filters import UP
-from uavbench.scenes.renderables import Mover
+from uavbench.scenes.primitives.meshes import panel
+from uavbench.scenes.renderables import Mover, Part
 from uavbench.scenes.rendering import context
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, pixel_grid, render_camera
@@ -394,6 +395,30 @@ def test_depth_is_that_of_a_face_thinner_than_a_pixel(model: str, distortion: tu
     assert not wrong.any(), "nor does the wall end beside its end"
 
 
+def test_a_gap_of_an_alpha_mask_shows_what_lies_behind_it_also_beside_the_mask() -> None:
+    """A leaf of slats and gaps, 4 px each in the image, before a wall; their sides may be half a pixel off."""
+    wall = white_box((-4.0, 2.0, -1.0), (4.0, 2.2, 4.0))
+    slats = np.full((64, 64, 4), 255, dtype=np.uint8)
+    slats[:, 32:, 3] = 0
+    vertices, triangles, uv = panel((-2.0, 0.0, -1.0), (4.0, 0, 0), (0, 0, 4.0), 4.0)
+    leaf = Part(vertices=vertices, triangles=triangles, uv=25 * uv, texture=slats, two_sided=True, instance=2)
+    camera = Camera(320, 240, 320.0, 320.0, 159.5, 119.5, "radtan", (-0.2, 0.03, 0.0, 0.0))
+    pinhole, lens = render_camera(camera)
+    pose = looking((0.0, -6.4, 1.02), (0.0, 0.0, 1.0))
+    with Renderer((wall, leaf), FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
+        truth = SurfaceTruth(renderer, ideal_camera(renderer, camera, pinhole, lens, lambda _: pose))
+        found = truth.geometry(truth.view(0))
+    rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)) @ pose.rotation
+    eye = pose.inverse().translation
+    x, z = (eye[[0, 2], None] - eye[1] * rays[:, [0, 2]].T / rays[:, 1]).reshape(2, *found.instances.shape)
+    on = (np.abs(x) < 1.9) & (z > -0.9) & (z < 2.9)
+    slat = np.mod(x + 2.0, 0.16) / 0.16  # from 0 to 0.5 on a slat, then a gap
+    inner = on & (np.abs(np.mod(slat, 0.5) - 0.25) < 0.17)
+    assert inner.sum() > 10_000
+    assert ((found.instances[inner] == 2) == (slat[inner] < 0.5)).mean() > 0.998
+    assert abs((found.instances[on] == 2).mean() - 0.5) < 0.01, "slats and gaps are of the same width"
+
+
 @pytest.mark.parametrize("with_lens", [False, True])
 def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens: bool) -> None:
     """Without a lens its own first; of random facets, and with some pixels that show another, as if drawn elsewhere."""
@@ -417,7 +442,7 @@ def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens:
         seen[v, u] = np.argmax(nearness) if nearness.max() > 0 else -1
     seen[rng.random(WIDE) < 0.02] = 0
     steps = [(0, 0), (1, 0), (0, 1), (1, 1)] if with_lens else [(0, 0), (-1, 0), (1, 0), (0, 1), (0, -1)]
-    tried = np.array(steps, dtype=np.int64), 4 if with_lens else 1
+    tried = np.array(steps, dtype=np.int64), 4 if with_lens else 1, np.zeros(30, dtype=np.uint8)
     rows, near = np.empty(places.shape[:2], dtype=np.int32), np.empty(places.shape[:2])
     if with_lens:
         trace(seen, places, table, tried, -7.0, rows, near)

@@ -74,7 +74,7 @@ class SurfaceTruth:
         if source.lens is not None:
             self._places = self._in_pinhole(self._rays).reshape(*self._size, 2)
         steps, sure = (RING, 1) if source.lens is None else (SQUARE, len(CORNERS))
-        self._tried = np.array(steps, dtype=np.int64), sure
+        self._tried = np.array(steps, dtype=np.int64), sure, renderer.facets.masked
         intrinsics = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy], dtype=np.float64)
         self._lens, self._scratch = Lens(camera_array(camera), intrinsics), RowScratch.of(camera.width)
         self._widest = self._one_to_one()

@@ -13,7 +13,7 @@ FARTHEST_BESIDE = 0.1
 """Relative depth by which a plane may differ between a ray beside its facet and the rendered pixel's centre."""
 
 
-@compiled("j2 facets (i2 i0) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
+@compiled("j2 facets (i2 i0 u1) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
 def trace_centres(seen: Any, facets: Any, tried: Any, background: float, rows: Any, near: Any) -> None:
     """Facet and inverse depth of each pixel of the camera that was rendered, as by `trace`.
 
@@ -36,16 +36,17 @@ def trace_centres(seen: Any, facets: Any, tried: Any, background: float, rows: A
             begin = end
 
 
-@compiled("j2 f3 facets (i2 i0) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
+@compiled("j2 f3 facets (i2 i0 u1) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
 def trace(seen: Any, places: Any, facets: Any, tried: Any, background: float, rows: Any, near: Any) -> None:
     """Facet and inverse depth, 1/m, of each pixel: the nearest facet rendered around it that its ray passes through.
 
     seen (h', w'): rendered facets, -1 for none. places (h, w, 2): where the rays of the camera's pixels meet the
-    rendered image, px. tried: steps (m, 2) that are added to the rendered pixel left of and above a place, and the
-    number of the first ones that are tried for every pixel; the others are left out where those show one facet, and the
-    ray meets it. Where they show several, those beyond their sides are tried, too. A ray that misses all facets meets
-    nothing where one of the first ones shows nothing; otherwise it has the plane of the facet rendered next to it, and
-    where that plane is too slanted, its depth in the centre.
+    rendered image, px. tried: steps (m, 2) that are added to the rendered pixel left of and above a place; the number
+    of the first ones that are tried for every pixel; and 1 for each facet with an alpha mask, else 0. The other steps
+    are left out where the first ones show one facet, and the ray meets it. Where they show several, those beyond their
+    sides are tried, too. A facet with an alpha mask is met only where it is rendered next to the place: beside it, it
+    may have a gap. A ray that misses all facets meets nothing where one of the first ones shows nothing; otherwise it
+    has the plane of the facet rendered next to it, and where that plane is too slanted, its depth in the centre.
     Without a facet rows are -1, and the inverse depth that of the background.
     """
     h, w = rows.shape
@@ -74,11 +75,13 @@ def end_of_run(row: Any, begin: int, stop: int, facet: int) -> Any:
 @compiled
 def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any) -> tuple[Any, float]:
     """Facet and inverse depth, 1/m, of one place; 0 m^-1 where the plane of its facet is never met."""
-    steps, sure = tried
+    steps, sure, masked = tried
     u, v = place
     h, w = seen.shape
     centre = seen[next_to[1], next_to[0]]
     row, last, nearest, alike, beside_nothing = np.int32(-1), np.int32(-1), 0.0, True, False
+    if centre >= 0 and masked[centre]:
+        row, nearest = _nearer(facets, centre, place, (row, nearest))
     for number in range(steps.shape[0]):
         if number == sure and alike and (centre < 0 or nearest > 0.0):
             break
@@ -88,7 +91,7 @@ def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any
         is_new, last = facet != last, facet
         alike = alike and (number == 0 or not is_new)
         beside_nothing = beside_nothing or (facet < 0 and number < sure and sure > 1)
-        if facet < 0 or not is_new:
+        if facet < 0 or not is_new or masked[facet]:
             continue
         row, nearest = _nearer(facets, facet, place, (row, nearest))
     if not alike and sure > 1:
@@ -97,7 +100,7 @@ def _met(seen: Any, facets: Any, place: Any, next_to: Any, base: Any, tried: Any
             i = min(max(base[1] + steps[number, 1], 0), h - 1)
             j = min(max(base[0] + steps[number, 0], 0), w - 1)
             facet = seen[i, j]
-            if facet >= 0 and facet != last:
+            if facet >= 0 and facet != last and not masked[facet]:
                 row, nearest = _beyond(facets, facet, place, (row, nearest))
             last = facet
     if row < 0 and centre >= 0 and not beside_nothing:
