@@ -102,6 +102,14 @@ def test_every_annotation_and_every_lens_is_shown():
     assert {len(e.spec.cameras) for e in options("cameras").values()} == {0, 1, 3}, "alone, a pair, and four"
 
 
+def test_the_furniture_of_a_room_is_in_its_picture():
+    spec = options("conditions")["furnished-room"].spec
+    spec = replace(spec, camera=replace(spec.camera, width=96, height=64))
+    bare = replace(spec, environment=replace(spec.environment, furniture=0.0))
+    shown, empty = (environment_picture(each).astype(int) for each in (spec, bare))
+    assert (np.abs(shown - empty).max(axis=2) > 10).mean() > 0.02
+
+
 @pytest.mark.parametrize(("flow", "colour"), [
     ((0.0, 0.0), (255, 255, 255)), ((1.0, 0.0), (0, 0, 255)), ((-1.0, 0.0), (255, 255, 0)),
     ((np.nan, np.nan), (0, 0, 0)), ((3.0, 0.0), (0, 0, 255)),
