@@ -401,9 +401,9 @@ def test_the_noise_of_a_reading_is_that_of_the_data_sheet_and_of_its_rounding():
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"pitch_deg": 70.0}, "pitch_deg 70 is beyond the stops of its axis, -130 to 60 degrees"),
+        ({"pitch_deg": 70.0}, "pitch_deg 70 is beyond the stops of its axis, -130 to 60 degrees; give an angle"),
         ({"pitch_deg": -20.0, "pitch_axis": PitchAxis(least_deg=-10.0)}, "pitch_deg -20 is beyond the stops"),
-        ({"roll_deg": 50.0}, "roll_deg 50 is beyond the stops of its axis, -45 to 45 degrees"),
+        ({"roll_deg": 50.0}, "widen least_deg and greatest_deg of roll_axis"),
         ({"axes": "pitch", "roll_deg": 5.0}, "axes = 'pitch' has no roll axis"),
         ({"mode": "target", "pitch_deg": -5.0}, "mode = 'target' points the camera itself"),
         ({"target_m": (0.0, 0.0, 0.0)}, "set mode = 'target'"),

@@ -56,7 +56,8 @@ class Gimbal:
             if not joint.least_deg <= angle <= joint.greatest_deg:
                 raise UserError(
                     f"{name} {angle:g} is beyond the stops of its axis, {joint.least_deg:g} to "
-                    f"{joint.greatest_deg:g} degrees"
+                    f"{joint.greatest_deg:g} degrees; give an angle between them, or widen least_deg and greatest_deg "
+                    f"of {name.replace('deg', 'axis')}"
                 )
         if self.axes == "pitch" and self.roll_deg:
             raise UserError(f"roll_deg {self.roll_deg:g}: axes = 'pitch' has no roll axis; leave it out")
