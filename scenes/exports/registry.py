@@ -135,6 +135,7 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     limits: list[str] = []
     if measured:
         files["depth/, depth.txt"] = "depth along the optical axis, 5000 units per metre; 0: no measurement"
+    if far:
         limits.append(
             f"Depth: 16 bits end at {LARGEST / TUM_UNITS_PER_M:.3f} m; {100 * far / measured:.1f} % of the measured "
             "pixels are further away and are 0, no measurement."

@@ -214,6 +214,11 @@ def test_tum_depths_beyond_its_range_are_no_measurement(sequence: Sequence, tmp_
     expected = np.where(units > 65535, 0, units)
     assert (expected > 0).any() and (units > 65535).any()
     np.testing.assert_array_equal(depth, expected)
+    assert "further away and are 0" in (tmp_path / "out" / "README.md").read_text()
+    near = replace(sequence, camera=PINHOLE)
+    assert (5000 * drawn_depth(0) <= 65535).all()
+    export(near, "tum", tmp_path / "near")
+    assert "further away" not in (tmp_path / "near" / "README.md").read_text(), "nothing is lost"
 
 
 def test_tum_of_a_sequence_without_depth_has_no_list_of_it(plain: Sequence, tmp_path: Path) -> None:
