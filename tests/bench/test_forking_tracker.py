@@ -40,6 +40,9 @@ from uavbench.tracker.protocol import Prediction, TrackResult
 from uavbench.tracker.run import track_frame
 
 class Run:
+    def __init__(self, method, code):
+        self.method, self.code = method, code
+
     def sense(self, samples):
         self.fork("sense")
 
@@ -51,34 +54,37 @@ class Run:
         return TrackResult(status="lost")
 
     def fork(self, place):
-        if place == sys.argv[1] and not (child := os.fork()):
-            if sys.argv[2] != "0":
-                sys.exit(int(sys.argv[2]))
-        elif place == sys.argv[1]:
+        if place == self.method and not (child := os.fork()):
+            if self.code:
+                sys.exit(self.code)
+        elif place == self.method:
             print("child", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
-print(track_frame(Run(), None, 0, {}, Prediction(None, None)).error or "no error", flush=True)
+for method in ("sense", "predict", "track"):
+    for code in (0, 3):
+        error = track_frame(Run(method, code), None, 0, {}, Prediction(None, None)).error
+        print(method, error or "no error", flush=True)
 """
+CHILDREN = ("returns", "raises", "sleeps")
 DEADLINE_S = 500
 """Longer than such a suite takes on a busy machine, shorter than the children sleep."""
 
 
-@pytest.mark.slow(seconds=30)
-@pytest.mark.parametrize("child", ["returns", "raises", "sleeps"])
-def test_the_command_ends_with_one_result_and_its_output_closed(tmp_path, child):
+@pytest.mark.slow(seconds=10)
+def test_the_command_ends_with_one_result_of_each_and_its_output_closed(tmp_path):
     (tmp_path / "forking.py").write_text(TRACKER)
-    suite = recorded_suite(tmp_path, f'forking = {{ kind = "forking:Forking", child = "{child}" }}\n')
+    kinds = [f'{child} = {{ kind = "forking:Forking", child = "{child}" }}\n' for child in CHILDREN]
+    suite = recorded_suite(tmp_path, "".join(kinds))
     given = ["track", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
     command = [sys.executable, "-m", "uavbench.bench.cli.main", *given]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 0, done.stderr
     assert "0 failed" in done.stderr
-    assert done.stderr.count("  track ") == 2  # of two sequences
+    told = [line.split()[2] for line in done.stderr.splitlines() if line.startswith("  track ")]
+    assert sorted(told) == sorted(f"{child}@15hz" for child in CHILDREN for _ in ("one", "two"))
 
 
-@pytest.mark.parametrize("code", [0, 3])
-@pytest.mark.parametrize("method", ["sense", "predict", "track"])
-def test_a_process_forked_in_any_method_ends_there_with_its_exit_code(method, code):
-    command = [sys.executable, "-c", FRAME, method, str(code)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.stdout, done.returncode) == (f"child {code}\nno error\n", 0), done.stderr
+def test_a_process_forked_in_any_method_ends_there_with_its_exit_code():
+    done = subprocess.run([sys.executable, "-c", FRAME], capture_output=True, text=True, check=False)
+    lines = [f"child {code}\n{method} no error\n" for method in ("sense", "predict", "track") for code in (0, 3)]
+    assert (done.stdout, done.returncode) == ("".join(lines), 0), done.stderr
