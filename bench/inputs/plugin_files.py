@@ -3,10 +3,11 @@
 import os
 import re
 import sys
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distribution, packages_distributions
+from importlib.metadata import PackageNotFoundError, distribution, distributions
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -21,6 +22,10 @@ OF_THE_SHELL = {"_", "PWD", "OLDPWD", "SHLVL"}
 """Variables that a shell sets anew for each command or folder."""
 REQUIRED = re.compile(r"[\w.-]+(?!.*\bextra\b)")
 """Name of a distribution in a requirement that is not of an extra."""
+NAMED = re.compile(r"^Name:[ \t]*(\S+)", re.MULTILINE)
+"""Name of a distribution in its metadata."""
+MODULES = re.compile(r"^\"?([^/.,\"\n]+)(?:/[^\n]*|\.[^/\n]*)?\.(?:py|so)\"?,", re.MULTILINE)
+"""Uppermost package, or module in none, of the Python and compiled files in a distribution's record."""
 OWN = "uavbench"
 """This distribution, whose code is in the keys of jobs."""
 declared: set[Path] = set()
@@ -135,4 +140,15 @@ def _installed(names: Iterable[str]) -> dict[str, list[str]]:
 
 @cache
 def _distributions() -> dict[str, list[str]]:
-    return dict(packages_distributions())
+    """Names of the distributions that provide each uppermost package or module, in the order in which they are found.
+
+    `packages_distributions` makes a path of each of their files, which takes a second.
+    """
+    owners: dict[str, list[str]] = defaultdict(list)
+    for found in distributions():
+        name = NAMED.search(found.read_text("METADATA") or found.read_text("PKG-INFO") or "")
+        told = (found.read_text("top_level.txt") or "").split()
+        if name is not None:
+            for module in told or set(MODULES.findall(found.read_text("RECORD") or "")):
+                owners[module].append(name[1])
+    return dict(owners)

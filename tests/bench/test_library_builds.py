@@ -6,6 +6,7 @@ import os
 import re
 import tomllib
 from importlib.metadata import Distribution, PackageNotFoundError, packages_distributions, version
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from uavbench.bench.inputs import library_builds as builds
 from uavbench.bench.inputs.content_hash import code_hash, content_hash, sources_hash
 from uavbench.bench.inputs.library_builds import LIBRARIES, READ_WITH, blas_build, build, library_builds, opencv_build
+from uavbench.bench.inputs.plugin_files import _distributions
 from uavbench.scenes.model_files.mesh_file import MeshFile
 
 PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -200,3 +202,10 @@ def test_the_blas_of_an_environment_is_in_the_key_by_its_content(tmp_path, monke
 def test_the_blas_that_this_process_computes_with_is_in_every_key():
     assert len(blas_build()) > 1
     assert blas_build() in library_builds()
+
+
+def test_the_owners_of_modules_are_those_that_python_finds_in_the_records():
+    found, all_of_them = _distributions(), packages_distributions()
+    assert found.items() <= all_of_them.items()
+    for module in all_of_them.keys() - found.keys():  # of later versions of Python: folders of no code
+        assert not module.isidentifier() or (spec := find_spec(module)) is None or spec.origin is None, module
