@@ -175,8 +175,13 @@ def edit_an_input(folder):
 
 
 def test_numbers_are_those_of_an_empty_cache_after_every_change(folder):
+    read = 'import os\nVALUE = float(os.environ.get("OFFSET_OF_TEST", "0"))\n'
+    (folder / "found_at_run_time.py").write_text(read)
     assert ran(folder, "own process") == ([116.0, 106.0, 6.0, 6.0], 0)
     assert ran(folder, "own process") == ([116.0, 106.0, 6.0, 6.0], 1), "kept for the next process"
+    told = "a variable that its module reads"
+    assert ran(folder, "own process", OFFSET_OF_TEST="5") == ([121.0, 111.0, 6.0, 6.0], 0), told
+    assert ran(folder, "own process", OFFSET_OF_TEST="5")[1] == 1
     edit_the_callee(folder)
     assert ran(folder, "own process") == ([122.0, 112.0, 12.0, 12.0], 0), "a function of another file"
     edit_what_is_read_at_run_time(folder)
@@ -185,6 +190,13 @@ def test_numbers_are_those_of_an_empty_cache_after_every_change(folder):
     edit_an_input(folder)
     assert ran(folder, "own process")[0] == [237.0, 217.0, 12.0, 12.0], "a declared input file"
     assert not list(folder.glob("__pycache__/*.nb?")), "nothing beside the plug-in"
+    home = folder.parent / "cache" / "uavbench" / "kernels"
+    old = [path.parent for path in home.glob("*/*lazy*.nbc")]
+    assert old
+    for path in old:
+        os.utime(path / MARKER, (0, 0))
+    remove_old(home)
+    assert not any(path.exists() for path in old), "unused"
 
 
 @pytest.mark.parametrize("way", ["worker", pytest.param("dask", marks=[pytest.mark.ci, pytest.mark.slow])])
@@ -195,14 +207,6 @@ def test_numbers_are_kept_until_something_changes_in_a_worker_too(folder, way):
         edit(folder)
     assert ran(folder, way)[0] == [237.0, 217.0, 12.0, 12.0]
     assert not list(folder.glob("__pycache__/*.nb?")), "nothing beside the plug-in"
-
-
-def test_a_kernel_has_the_value_of_a_variable_that_its_module_reads(folder):
-    read = 'import os\nVALUE = float(os.environ.get("OFFSET_OF_TEST", "0"))\n'
-    (folder / "found_at_run_time.py").write_text(read)
-    assert ran(folder, "own process") == ([116.0, 106.0, 6.0, 6.0], 0)
-    assert ran(folder, "own process", OFFSET_OF_TEST="5") == ([121.0, 111.0, 6.0, 6.0], 0)
-    assert ran(folder, "own process", OFFSET_OF_TEST="5")[1] == 1
 
 
 def test_a_script_that_imports_a_plugin_before_uavbench_has_its_kernels_by_content_too(folder):
@@ -217,17 +221,6 @@ def test_nothing_is_kept_of_a_file_that_was_edited_while_its_old_text_ran(folder
     new = CALLEE.replace("return SCALE", "return 2.0 * SCALE")
     assert ran(folder, "edited", new) == ([116.0, 106.0, 6.0, 6.0], 0)
     assert ran(folder, "own process")[0] == [122.0, 112.0, 12.0, 12.0]
-
-
-def test_an_unused_folder_of_kernels_is_removed(folder):
-    ran(folder, "own process")
-    home = folder.parent / "cache" / "uavbench" / "kernels"
-    old = [path.parent for path in home.glob("*/*lazy*.nbc")]
-    assert old
-    for path in old:
-        os.utime(path / MARKER, (0, 0))
-    remove_old(home)
-    assert not any(path.exists() for path in old)
 
 
 PROGRAM = """#!{python}
