@@ -11,7 +11,7 @@ seeds = [0, 1]
 rates_hz = [15.0]
 [sequences.box]
 structure = { kind = "box" }
-environment = { kind = "indoor" }
+environment = { kind = "studio" }
 flight.path = { kind = "hand-pilot", duration_s = 0.3 }
 camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 [trackers]
@@ -20,7 +20,7 @@ hold = { kind = "hold" }
 
 LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\ncoverage_px_m = 20.0\n'
 FLOWN = (
-    SMALL.replace('{ kind = "indoor" }', '{ kind = "studio" }\nsensors = [{ kind = "imu" }]').replace(
+    SMALL.replace('{ kind = "studio" }', '{ kind = "studio" }\nsensors = [{ kind = "imu" }]').replace(
         "seeds = [0, 1]", "seeds = [0]"
     )
     + 'truth = { kind = "truth" }\n'

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_this_process
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.compare import smallest
 from uavbench.bench.gate.compare_sides import at_work, statements
@@ -30,7 +31,7 @@ seeds = [0, 1, 2, 3, 4]
 rates_hz = [15.0]
 [sequences.box]
 structure = { kind = "box" }
-environment = { kind = "indoor" }
+environment = { kind = "studio" }
 flight.path = { kind = "hand-pilot", duration_s = 1.2 }
 camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 [trackers]
@@ -65,9 +66,10 @@ def repository(tmp_path_factory):
     return folder
 
 
-def compare(repository, monkeypatch, *refs):
+def compare(repository, monkeypatch, *refs, repeats=2):
     monkeypatch.chdir(repository)
-    arguments = ["compare", *refs, "--suite", "suite.toml", "--repeats", "2", "--jobs", "1", "--latency-margin", "400%"]
+    arguments = ["compare", *refs, "--suite", "suite.toml", "--repeats", str(repeats), "--jobs", "1"]
+    arguments += ["--latency-margin", "400%"]
     result = CliRunner().invoke(main, [*arguments, "--resolution", "500%"])
     return result, json.loads((repository / "out/compare/gate/gate.json").read_text()) if result.exit_code in (
         0, 1, 3
@@ -89,7 +91,8 @@ def test_a_version_against_itself_passes_and_against_a_worse_one_fails(repositor
 
 def test_a_comparison_that_ends_early_leaves_no_scores_of_an_earlier_one(repository, monkeypatch):
     """`uavbench gate` on its two folders gave the earlier comparison's verdict."""
-    assert compare(repository, monkeypatch, "base", "base")[0].exit_code == 0
+    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
+    assert compare(repository, monkeypatch, "base", "base", repeats=1)[0].exit_code == 0
     sides = ["gate", "out/compare/head", "--baseline", "out/compare/base", "--latency-margin", "400%"]
     assert "latency" in CliRunner().invoke(main, sides).output
 
@@ -97,8 +100,8 @@ def test_a_comparison_that_ends_early_leaves_no_scores_of_an_earlier_one(reposit
         raise UserError("asked for")
 
     with monkeypatch.context() as patched:
-        patched.setattr("uavbench.bench.gate.compare.run_in_turn", ended)
-        assert compare(repository, monkeypatch, "base", ".")[0].exit_code == 2
+        patched.setattr("uavbench.bench.gate.compare.at_work", ended)  # before any tracker runs
+        assert compare(repository, monkeypatch, "base", ".", repeats=1)[0].exit_code == 2
     judged = CliRunner().invoke(main, sides)
     assert judged.exit_code == 2 and "no scores in it" in judged.output
     assert not (repository / "out/compare/head/timing.json").exists()
@@ -109,7 +112,7 @@ title = "offset"
 rates_hz = [15.0]
 [sequences.box]
 structure = { kind = "box" }
-environment = { kind = "indoor" }
+environment = { kind = "studio" }
 flight.path = { kind = "hand-pilot", duration_s = 0.3 }
 camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 [trackers]

@@ -1,4 +1,4 @@
-"""The main job as a user runs it: the command line in a process of its own, on a suite of a few frames."""
+"""The main job as a user runs it, on a suite of a few frames: first the command line in a process of its own."""
 
 import json
 import os
@@ -21,7 +21,7 @@ seeds = [0, 1]
 
 [sequences.box]
 structure = { kind = "box" }
-environment = { kind = "indoor" }
+environment = { kind = "studio" }
 flight.path = { kind = "hand-pilot", duration_s = 0.6 }
 camera = { width = 320, height = 240, horizontal_fov_deg = 65.0 }
 effects = [{ kind = "noise" }]
@@ -100,16 +100,16 @@ def test_a_run_ends_with_the_score_table_and_the_path_of_the_report(done):
 def test_a_second_run_redoes_nothing(suite, done):
     out, _ = done
     before = {p: p.stat().st_mtime_ns for p in out.rglob("*") if p.is_file() and p.name not in {"suite.json", ".lock"}}
-    run = uavbench("run", suite, "--out", out)
-    assert run.returncode == 0
+    run = in_one_process("run", suite, "--out", out)
+    assert run.exit_code == 0
     assert "0 jobs done" in run.stderr
     assert all(p.stat().st_mtime_ns == t for p, t in before.items())
 
 
 def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, tmp_path):
     out, _ = done
-    run = uavbench("score", suite, "--out", tmp_path / "again", "--jobs", 1)
-    assert run.returncode == 0, run.stderr
+    run = in_one_process("score", suite, "--out", tmp_path / "again")
+    assert run.exit_code == 0, run.stderr
     assert ground_truth_and_estimates(out) == ground_truth_and_estimates(tmp_path / "again")
     assert scores_but_times(out) == scores_but_times(tmp_path / "again")
 
@@ -172,8 +172,8 @@ def test_what_was_damaged_is_made_again_to_the_same_end(suite, done, tmp_path):
     image.write_bytes(image.read_bytes()[:-100])
     table = out / "results" / "box-s0" / "lsd@15hz" / "frames.csv"
     table.write_bytes(b"?" * table.stat().st_size)
-    run = uavbench("score", suite, "--out", out, "--jobs", 1)
-    assert run.returncode == 0, run.stderr
+    run = in_one_process("score", suite, "--out", out)
+    assert run.exit_code == 0, run.stderr
     assert "11 jobs done, 7 were fresh" in run.stderr  # a sequence with four runs and scores, and a run with its score
     assert ground_truth_and_estimates(out) == whole
 
@@ -182,8 +182,8 @@ def test_a_users_file_in_a_folder_of_results_is_named_and_nothing_is_done(suite,
     out = tmp_path / "out"
     subprocess.run(["cp", "-r", done[0], out], check=True)
     (out / "results" / "box-s0" / "lsd@15hz" / "notes.txt").write_text("mine")
-    run = uavbench("run", suite, "--out", out)
-    assert run.returncode == 2
+    run = in_one_process("run", suite, "--out", out)
+    assert run.exit_code == 2
     assert "notes.txt" in run.stderr
     assert "Traceback" not in run.stderr
     assert (out / "results" / "box-s0" / "lsd@15hz" / "notes.txt").read_text() == "mine"
@@ -198,8 +198,8 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     text += 'quits = { kind = "external", command = ["false"] }\n'
     text += 'gone = { kind = "external", command = ["no-such-program-anywhere"] }\n'
     path.write_text(text)
-    run = uavbench("run", path, "--out", out, "--jobs", 1)
-    assert run.returncode == 2
+    run = in_one_process("run", path, "--out", out)
+    assert run.exit_code == 2
     assert f"report: {out / 'index.html'}" in run.stdout
     causes = [line.split(":")[0] for line in run.stderr.splitlines() if line.startswith("FAILED")]
     assert causes[0] == f"FAILED render away-s0 of {path}"  # its model is out of the first view
@@ -211,7 +211,7 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     assert set(told["unrendered"]) == {"away-s0"}
     for name in ("summary.md", "summary.tex", "summary_one_column.tex", "details.md", "protocols.tex"):
         assert "FAILED: no run on away-s0" in (out / "tables" / name).read_text(), name
-    assert "FAILED: no run on away-s0" in uavbench("tables", out, "--columns", "coverage").stdout
+    assert "FAILED: no run on away-s0" in in_one_process("tables", out, "--columns", "coverage").stdout
     statuses = {(s["label"], s["status"]) for s in told["scores"]}
     assert statuses == {("hold", "complete"), ("lsd", "complete"), ("quits", "crashed"), ("gone", "missing")}
     page = (out / "index.html").read_text()

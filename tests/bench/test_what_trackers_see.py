@@ -24,7 +24,7 @@ seeds = [7701]
 [sequences.box]
 structure = { kind = "box" }
 mount = { pitch_deg = -20.0, offset_m = [0.03, 0.01, -0.02] }
-environment = { kind = "indoor" }
+environment = { kind = "studio" }
 flight.path = { kind = "hand-pilot", duration_s = 0.4 }
 flight.wind = { kind = "dryden" }
 sensors = [
