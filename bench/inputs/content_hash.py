@@ -193,13 +193,19 @@ def code_hash(*packages: str) -> str:
 def sources_hash(*packages: str) -> str:
     """Hash of the sources of these packages and of the builds of the libraries that they use."""
     python = ".".join(platform.python_version_tuple()[:2])
-    under = [python, file_digest(WORK), library_builds()]
+    under = [python, file_digest(WORK), _builds()]
     digest = hashlib.sha256(json.dumps(under).encode())
     for package in packages:
         for path in sorted((ROOT / package).rglob("*")):
             if path.is_file() and path.parent.name != "__pycache__":
                 digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+@cache
+def _builds() -> list[list[str]]:
+    """Builds of the libraries, read once for all sets of packages."""
+    return library_builds()
 
 
 def carried_hash(path: Path) -> str | None:

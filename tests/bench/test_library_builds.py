@@ -4,6 +4,8 @@ import base64
 import hashlib
 import os
 import re
+import subprocess
+import sys
 import tomllib
 from importlib.metadata import Distribution, PackageNotFoundError, packages_distributions, version
 from importlib.util import find_spec
@@ -71,6 +73,7 @@ def installed(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("library", sorted({*DEPENDENCIES, "llvmlite", "PyOpenGL"}))
 def test_another_version_of_a_library_is_other_code(monkeypatch, library):
+    monkeypatch.setattr("uavbench.bench.inputs.content_hash._builds", library_builds)  # read anew each time
     before = sources_hash.__wrapped__()
     found = builds.distribution
 
@@ -202,6 +205,21 @@ def test_the_blas_of_an_environment_is_in_the_key_by_its_content(tmp_path, monke
 def test_the_blas_that_this_process_computes_with_is_in_every_key():
     assert len(blas_build()) > 1
     assert blas_build() in library_builds()
+
+
+ASKED_BEFORE_AND_AFTER = """
+import sys
+from uavbench.bench.inputs.library_builds import blas_build
+before = blas_build()
+assert "scipy.linalg" not in sys.modules, "it takes long to import"
+import scipy.linalg
+print(before == blas_build())
+"""
+
+
+def test_the_blas_of_scipy_is_known_before_scipy_computes():
+    done = subprocess.run([sys.executable, "-c", ASKED_BEFORE_AND_AFTER], capture_output=True, text=True, check=False)
+    assert done.stdout == "True\n", done.stderr
 
 
 def test_the_owners_of_modules_are_those_that_python_finds_in_the_records():
