@@ -253,7 +253,7 @@ def test_all_cores_with_a_gpu(benchmark: Any, suite: str) -> None:
 
 @contextmanager
 def maker(work: str) -> Iterator[Callable[[], object]]:
-    """A function that makes the next frame of a suite with its files in memory, or that counts, where `work` is LOOP."""
+    """A function that makes the next frame of a suite, its files in memory; it counts where `work` is LOOP."""
     if work == LOOP:
         yield lambda: sum(range(COUNTED))
         return
