@@ -20,7 +20,7 @@ from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.filming.video import ending_of, write_video
-from uavbench.bench.runner.extent import extents
+from uavbench.bench.runner.extent import current_folders, extents
 from uavbench.bench.runner.jobs import plan_flights
 from uavbench.bench.third_party.registry import absent
 from uavbench.reports.closed_loop.measures import FlightScore
@@ -145,10 +145,9 @@ def test_a_video_is_written_without_a_word_of_native_libraries(done, tmp_path, c
 
 def test_a_dry_run_tells_the_frames_that_are_flown_and_about_their_megabytes(done, tmp_path):
     folder, _ = done
-    works = (
-        [job.work for job in plan_flights(load_suite(folder / "few.toml"), out)] for out in (folder / "out", tmp_path)
-    )
-    flown, planned = ({each.name: each for each in extents(flights)}["box truth@15hz"] for flights in works)
+    plans = (plan_flights(load_suite(folder / "few.toml"), out) for out in (folder / "out", tmp_path))
+    told = (extents((job.work for job in jobs), current_folders(jobs)) for jobs in plans)
+    flown, planned = ({each.name: each for each in flights}["box truth@15hz"] for flights in told)
     frames = list(csv.DictReader((folder / "out" / "flights" / "box-s0" / "truth@15hz" / "frames.csv").open()))
     assert flown.frames == planned.frames == len(frames)
     assert (flown.measured, planned.measured) == (True, False)
