@@ -135,7 +135,9 @@ def test_channels_that_are_not_blown_out_are_enough():
 def test_nothing_is_located_where_both_sides_are_blown_out():
     _, colour = direction()
     image, line = edge(0.0, 30)
-    assert fit(np.full_like(image, 255), line, 0.0, colour).distance == np.inf
+    bright = image > np.median(image)
+    assert np.isfinite(fit(np.where(bright, 249, 245).astype(np.uint8), line, 0.0, colour).distance)
+    assert fit(np.where(bright, 255, 251).astype(np.uint8), line, 0.0, colour).distance == np.inf
 
 
 def test_no_step_is_found_where_there_is_none_or_it_goes_the_other_way():

@@ -15,8 +15,8 @@ FIRST_BLUR_PX = 0.5
 BLOWN_OUT = 250
 """Least code of light that may be more than a pixel holds: 255, less what noise and compression take away."""
 LEAST_PART = 0.25
-"""Least part of the square of a step in the channels that are not blown out, which are then enough: without one of its
-levels a step is located with about four times the variance."""
+"""Least part of the square of a step in the channels that are not blown out, which are then enough: half of its height.
+Not tuned."""
 
 
 class Optics(NamedTuple):
