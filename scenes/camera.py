@@ -148,6 +148,12 @@ class Camera:
         """The pinhole camera with the same intrinsic matrix."""
         return replace(self, distortion_model="none", distortion=())
 
+    def wider(self, px: int) -> "Camera":
+        """The same camera with px more pixels on each side of its image."""
+        width, height = self.width + 2 * px, self.height + 2 * px
+        shifted = tuple(tuple((x + px, y + px) for x, y in polygon) for polygon in self.masked)
+        return replace(self, width=width, height=height, cx=self.cx + px, cy=self.cy + px, masked=shifted)
+
     def project(self, points_cam_m: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) in the camera frame, z > 0."""
         xy = points_cam_m[:, :2] / points_cam_m[:, 2:3]

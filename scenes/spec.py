@@ -50,8 +50,9 @@ class ClutterSpec(Protocol):
 class EffectSpec(Protocol):
     """An effect of the camera or its link on the images; effects act in the order of `EFFECTS`, the physical one.
 
-    The class attribute `only_one`, where it is true, says that of two such effects only one would count. Effects with
-    `readout_ms` or `exposure_ms` are as short as a frame's period.
+    The class attribute `only_one`, where it is true, says that of two such effects only one would count; `sets`, where
+    there is one, names what effects of other kinds must not set, too. Effects with `readout_ms` or `exposure_ms` are as
+    short as a frame's period; `margin_px` are rendered beyond the image.
     """
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
@@ -143,7 +144,8 @@ class SequenceSpec:
     its Cramer-Rao bound (0: none); neither changes the images. cameras are those in addition to the main one, which
     mount and camera specify and trackers receive; clock triggers and stamps the frames of all of them. UserError for
     duplicate camera names, for cameras that see the same, for recorded poses of a camera that has no fixed mount, for
-    effects of which one has no effect, and for exposures, readouts and jitter that do not fit the period of a frame.
+    effects of which one has no effect or contradicts another, and for exposures, readouts and jitter that do not fit
+    the period of a frame.
     """
 
     name: str
@@ -199,7 +201,7 @@ class SequenceSpec:
                 )
 
     def _check_effects(self) -> None:
-        """UserError for an effect that another one replaces, and for one that takes longer than a frame's period."""
+        """UserError for an effect that another replaces or contradicts, and for one longer than a frame's period."""
         period_ms = 1e3 / self.rate_hz
         kinds = [type(effect) for effect in self.effects]
         for i, effect in enumerate(self.effects):
@@ -207,6 +209,10 @@ class SequenceSpec:
                 raise UserError(
                     f"effects[{i}]: is of the kind of effects[{first}], of which only one would count; remove one"
                 )
+            for j, kind in enumerate(kinds[:i]):
+                what = getattr(kind, "sets", None)
+                if what is not None and kind is not kinds[i] and what == getattr(kinds[i], "sets", None):
+                    raise UserError(f"effects[{i}]: contradicts effects[{j}], since both set the {what}; remove one")
             for key in ("readout_ms", "exposure_ms"):
                 if (ms := getattr(effect, key, 0.0)) > period_ms:
                     raise UserError(

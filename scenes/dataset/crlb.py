@@ -9,8 +9,9 @@ information on directions that hardly move the image, such as a rotation that co
 
 Only pixels that show the structure or its outline are used, since the rest of the world is not in the model. The
 appearance of the structure is assumed known: an edge-based tracker stays above the bound, and one that uses several
-frames may go below it. Effects of the link are left out, and so is aliasing: J is that of the irradiance of a pixel,
-from renders at FINER times the resolution where there is no lens blur.
+frames may go below it. Effects of the link and sharpening are left out, since they add no information, and so is
+aliasing: J is that of the irradiance of a pixel, from renders at FINER times the resolution where there is no lens
+blur.
 
     crlb.csv    frame, and the covariance's upper triangle by rows, translation first
 """
@@ -28,7 +29,9 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.ground_truth_files import BOUND_COLUMNS, UPPER
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
-from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
+from uavbench.scenes.effects.image_sensor import AutoExposure, FixedExposure, Noise, Quantization
+from uavbench.scenes.effects.lens import LateralColour, Vignetting
+from uavbench.scenes.effects.processing import ColourFilter
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, ideal_camera, render_camera, sample
 from uavbench.scenes.rendering.radiance import LIGHT, Radiance, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
@@ -109,10 +112,11 @@ class FrameBounds:
             lambda stamp_ns: moved @ self._path(stamp_ns),
             self._blur_px,
         )
-        for kind in (RollingShutter, MotionBlur, Vignetting):
+        for kind in (RollingShutter, MotionBlur, LateralColour, Vignetting, FixedExposure):
             for effect in self._effects:
                 if type(effect) is kind:
-                    source = effect.start(source, np.random.default_rng(0))
+                    fine = effect.at_resolution(self._times) if isinstance(effect, LateralColour) else effect
+                    source = fine.start(source, np.random.default_rng(0))
         return source
 
 
@@ -145,7 +149,11 @@ def directions(view: View, pinhole: Camera, rms_px: float) -> Array | None:
 
 
 def light_variance(clean: Radiance, effects: tuple[EffectSpec, ...]) -> Array:
-    """Variance (h, w, 3) of the measured radiance: EMVA 1288 noise and rounding; infinite where a pixel saturates."""
+    """Variance (h, w, 3) of the measured radiance: EMVA 1288 noise and rounding; infinite where none is measured.
+
+    That is where a pixel saturates, and in the colours that its colour filter blocks: those are interpolated from
+    measured ones, which they add nothing to.
+    """
     light = np.clip(clean.astype(np.float64), 0.0, 1.0)
     variance = np.square(LIGHT_STEP)[encode(clean)] / 12
     for effect in effects:
@@ -153,6 +161,8 @@ def light_variance(clean: Radiance, effects: tuple[EffectSpec, ...]) -> Array:
             variance += light / effect.full_well_e + (effect.read_noise_e / effect.full_well_e) ** 2
         if isinstance(effect, Quantization):
             variance += 1 / (2**effect.bits - 1) ** 2 / 12
+        if isinstance(effect, ColourFilter):
+            variance[~effect.measured(*clean.shape[:2])] = np.inf
     variance[clean >= 1.0] = np.inf
     return variance
 

@@ -88,7 +88,12 @@ class RollingShutter:
                 add_rows(slice(0, height), cuts[k], cuts[k + 1], slices, out)
             return out
 
-        return replace(source, expose=expose, image=lambda t: expose(t, t), row_delay_ns=delay_ns)
+        def wider(px: int) -> CameraSimulator:
+            slower = replace(self, readout_ms=(height - 1 + 2 * px) * delay_ns * 1e-6)
+            return slower.start(source.wider(px), rng)
+
+        image = lambda stamp_ns: expose(stamp_ns, stamp_ns)  # noqa: E731
+        return replace(source, expose=expose, image=image, row_delay_ns=delay_ns, wider=wider)
 
 
 def _held(view: View, places: Map) -> NDArray[np.bool_]:
@@ -141,4 +146,4 @@ class MotionBlur:
         def image(stamp_ns: int) -> Radiance:
             return source.expose(stamp_ns - half_ns, stamp_ns + half_ns)
 
-        return replace(source, image=image)
+        return replace(source, image=image, wider=lambda px: self.start(source.wider(px), rng))

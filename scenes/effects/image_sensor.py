@@ -1,14 +1,14 @@
-"""Effects of lens and image sensor: vignetting, auto exposure, noise and quantization."""
+"""Effects of the image sensor: fixed and auto exposure, noise and quantization."""
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Coded, Rendered, pixel_grid
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Coded, Rendered
 from uavbench.scenes.rendering.pixel_kernels import add_noise, code_noisy
 from uavbench.scenes.rendering.radiance import CODES, Radiance
 
@@ -23,22 +23,20 @@ def quantiles() -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True)
-class Vignetting:
-    """Vignetting by the cos^4 law of the angle of incidence; strength 0 is none, 1 the full law."""
+class FixedExposure:
+    """Fixed exposure: irradiance times 2 ** stops, by aperture, shutter or gain; what then exceeds 1 blows out."""
 
-    strength: Annotated[float, Interval(ge=0, le=1)] = 1.0
+    stops: Annotated[float, Interval(ge=-8, le=8)] = 0.0
+    only_one: ClassVar[bool] = True
+    sets: ClassVar[str] = "exposure"
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose irradiance falls off with the angle of incidence; the generator is not used."""
-        camera = source.camera
-        rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
-        slant = np.square(rays[:, :2]).sum(axis=1)
-        share = 1 - self.strength * (1 - 1 / np.square(1 + slant))
-        falloff = share.reshape(camera.height, camera.width, 1).astype(np.float32)
+        """CameraSimulator with so many stops more irradiance; the generator is not used."""
+        gain = np.float32(2**self.stops)
 
         def image(stamp_ns: int) -> Radiance | None:
-            even = source.image(stamp_ns)
-            return None if even is None else even * falloff
+            seen = source.image(stamp_ns)
+            return None if seen is None else seen * gain
 
         return replace(source, image=image)
 
@@ -54,6 +52,7 @@ class AutoExposure:
     target: Annotated[float, Gt(0), Interval(lt=1)] = 0.18
     lag_s: Annotated[float, Ge(0)] = 0.4
     reach: Annotated[float, Interval(ge=1, le=1000)] = 8.0
+    sets: ClassVar[str] = "exposure"
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """CameraSimulator with auto exposure; the generator is not used."""

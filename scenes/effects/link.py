@@ -1,6 +1,5 @@
 """Effects of the video link: compression, analog radio transmission, dropped and duplicated frames."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -9,7 +8,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, sample
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, on_codes, sample
 from uavbench.scenes.rendering.radiance import Radiance, decode, encode
 from uavbench.trajectories.errors import refuse_idle
 
@@ -29,7 +28,7 @@ class Jpeg:
             data = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
             return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
 
-        return _on_codes(source, compressed)
+        return on_codes(source, compressed)
 
 
 @dataclass(frozen=True)
@@ -126,13 +125,3 @@ class Drops:
             return fresh
 
         return replace(source, image=image)
-
-
-def _on_codes(source: CameraSimulator, change: Callable[[Codes], Codes]) -> CameraSimulator:
-    """CameraSimulator whose 8-bit images (h, w, 3) are passed through a function."""
-
-    def image(stamp_ns: int) -> Radiance | None:
-        light = source.image(stamp_ns)
-        return None if light is None else decode(change(encode(light)))
-
-    return replace(source, image=image)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.pixel_kernels import displacement, square_codes
-from uavbench.scenes.rendering.radiance import Radiance, encode
+from uavbench.scenes.rendering.radiance import Radiance, decode, encode
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose, rotation_log
 
@@ -91,6 +91,11 @@ class Coded:
         return self.light(stamp_ns)
 
 
+def no_wider(px: int) -> "CameraSimulator":
+    """ValueError: of a simulator that has images alone, none shows what lies beyond them."""
+    raise ValueError(f"this camera simulator has no {px} px beyond its images")
+
+
 @dataclass(frozen=True, eq=False)
 class CameraSimulator:
     """A simulated camera; an effect maps one to another.
@@ -98,7 +103,8 @@ class CameraSimulator:
     pinhole is the camera that is rendered; lens (h, w, 2) the position in its image, px, of each pixel of the camera,
     None where the two are the same. render returns a view at a stamp; expose the mean irradiance over a time interval;
     image the frame that the camera delivers, None when it is dropped. Times are in ns. The stamp of a frame is the
-    middle of its exposure, for a rolling shutter that of the middle row. row_delay_ns is the delay between rows.
+    middle of its exposure, for a rolling shutter that of the middle row. row_delay_ns is the delay between rows. wider
+    returns the same camera with a number of pixels more on each side, behind lens and shutter.
     """
 
     camera: Camera
@@ -109,6 +115,7 @@ class CameraSimulator:
     expose: Callable[[int, int], Radiance]
     image: Callable[[int], Radiance | None]
     row_delay_ns: float = 0.0
+    wider: "Callable[[int], CameraSimulator]" = no_wider
 
     def frame(self, stamp_ns: int) -> NDArray[np.uint8] | None:
         """The image at a stamp in 8-bit sRGB codes (h, w, 3) BGR, None when it is dropped."""
@@ -137,34 +144,41 @@ def ideal_camera(
         pose = cam_from_world(stamp_ns)
         return View(color(stamp_ns), *renderer.geometry(pose, pinhole, stamp_ns * 1e-9), pose)
 
-    def sharp(stamp_ns: int) -> Radiance:
-        light = light_of(color(stamp_ns))
-        return light if lens is None else sample(light, lens)
+    def through(camera: Camera, lens: Map | None) -> CameraSimulator:
+        def sharp(stamp_ns: int) -> Radiance:
+            light = light_of(color(stamp_ns))
+            return light if lens is None else sample(light, lens)
 
-    def expose(start_ns: int, end_ns: int) -> Radiance:
-        out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
-        if start_ns == end_ns or _still(renderer, pinhole, cam_from_world(start_ns), cam_from_world(end_ns)):
-            return sharp((start_ns + end_ns) // 2)
-        _expose(start_ns, end_ns, 1.0, out)
-        return out
+        def expose(start_ns: int, end_ns: int) -> Radiance:
+            out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
+            if start_ns == end_ns or _still(renderer, pinhole, cam_from_world(start_ns), cam_from_world(end_ns)):
+                return sharp((start_ns + end_ns) // 2)
+            _expose(start_ns, end_ns, 1.0, out)
+            return out
 
-    def _expose(start_ns: int, end_ns: int, weight: float, out: Radiance) -> None:
-        view = render((start_ns + end_ns) // 2)
-        flow = flow_between(view, pinhole, cam_from_world(start_ns), cam_from_world(end_ns))
-        fastest = float(np.abs(flow).max()) if flow.size else 0.0
-        slices = min(MAX_SLICES, int(np.ceil(fastest / SLICE_PX)))
-        if slices > 1:
-            slices += 1 - slices % 2
-            cuts = [start_ns + (end_ns - start_ns) * k // slices for k in range(slices + 1)]
-            for k in range(slices):
-                a, b = cuts[k], cuts[k + 1]
-                seen = view if k == slices // 2 else render((a + b) // 2)
-                add_motion_blur(seen.color, flow / np.float32(slices), lens, weight / slices, out)
-        else:
-            add_motion_blur(view.color, flow, lens, weight, out)
+        def _expose(start_ns: int, end_ns: int, weight: float, out: Radiance) -> None:
+            view = render((start_ns + end_ns) // 2)
+            flow = flow_between(view, pinhole, cam_from_world(start_ns), cam_from_world(end_ns))
+            fastest = float(np.abs(flow).max()) if flow.size else 0.0
+            slices = min(MAX_SLICES, int(np.ceil(fastest / SLICE_PX)))
+            if slices > 1:
+                slices += 1 - slices % 2
+                cuts = [start_ns + (end_ns - start_ns) * k // slices for k in range(slices + 1)]
+                for k in range(slices):
+                    a, b = cuts[k], cuts[k + 1]
+                    seen = view if k == slices // 2 else render((a + b) // 2)
+                    add_motion_blur(seen.color, flow / np.float32(slices), lens, weight / slices, out)
+            else:
+                add_motion_blur(view.color, flow, lens, weight, out)
 
-    image = Rendered(color) if lens is None else sharp
-    return CameraSimulator(camera, pinhole, lens, cam_from_world, render, expose, image)
+        def wider(px: int) -> CameraSimulator:
+            grid = pixel_grid(camera.width, camera.height) if lens is None else lens
+            return through(camera.wider(px), np.pad(grid, ((px, px), (px, px), (0, 0)), "reflect", reflect_type="odd"))
+
+        image = Rendered(color) if lens is None else sharp
+        return CameraSimulator(camera, pinhole, lens, cam_from_world, render, expose, image, wider=wider)
+
+    return through(camera, lens)
 
 
 def through_lens(
@@ -239,6 +253,16 @@ def light_of(color: NDArray[np.uint8]) -> Radiance:
 def add(light: Radiance, weight: float, out: Radiance) -> None:
     """Accumulate in place: out += weight * light."""
     cv2.scaleAdd(light, weight, out, out)
+
+
+def on_codes(source: CameraSimulator, change: Callable[[NDArray[np.uint8]], NDArray[np.uint8]]) -> CameraSimulator:
+    """CameraSimulator whose images in 8-bit sRGB codes (h, w, 3) are passed through a function."""
+
+    def image(stamp_ns: int) -> Radiance | None:
+        light = source.image(stamp_ns)
+        return None if light is None else decode(change(encode(light)))
+
+    return replace(source, image=image)
 
 
 def pixel_grid(width: int, height: int) -> Map:

@@ -210,6 +210,24 @@ def test_three_mistakes_are_told_at_once(tmp_path):
         ),
         (
             '{ kind = "noise" }',
+            '{ kind = "auto-exposure" }, { kind = "noise" }, { kind = "exposure", stops = 1 }',
+            "sequences.box: effects[2]: ",
+            "contradicts effects[0], since both set the exposure; remove one",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "sharpening", amount = 0, radius_px = 2 }',
+            "sequences.box.effects[0]",
+            "radius_px 2 has no effect: amount is 0",
+        ),
+        (
+            '{ kind = "noise" }',
+            '{ kind = "colour-filter", pattern = "RGBG" }',
+            "sequences.box.effects[0].pattern",
+            "RGGB",
+        ),
+        (
+            '{ kind = "noise" }',
             '{ kind = "rolling-shutter", readout_ms = 67 }',
             "sequences.box: effects[0].readout_ms 67",
             "longer than the 66.7 ms of a frame at rate_hz 15; lower",
@@ -265,6 +283,8 @@ def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
         'clutter = [{ kind = "lookalikes", nearest_m = 2, furthest_m = 2 }]',
         'effects = [{ kind = "drops", lost = 0.9, repeated = 0.1 }]',
         'effects = [{ kind = "noise" }, { kind = "noise", full_well_e = 400.0 }, { kind = "jpeg" }, { kind = "jpeg" }]',
+        'effects = [{ kind = "auto-exposure" }, { kind = "auto-exposure", lag_s = 0 }]',
+        'effects = [{ kind = "exposure", stops = -8 }, { kind = "sharpening" }, { kind = "sharpening" }]',
         'effects = [{ kind = "rolling-shutter", readout_ms = 66.6 }, { kind = "motion-blur", exposure_ms = 66.6 }]',
         "clock.jitter_ms = 26.6",
         'cameras = [{ name = "right", offset_s = 0.01 }, { name = "far", mount = { offset_m = [0.0, -0.1, 0.0] } }]',

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.scenes.test_effects import SMALL, giving, rng
-from uavbench.scenes.effects.image_sensor import Noise, Vignetting
+from uavbench.scenes.effects.image_sensor import Noise
+from uavbench.scenes.effects.lens import Vignetting
 from uavbench.scenes.rendering.camera_simulator import Coded, Rendered, light_of
 from uavbench.scenes.rendering.radiance import encode
 

@@ -13,9 +13,19 @@ from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.crlb import FrameBounds, bound, directions, finer, information, jacobian, light_variance
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import file_hash
-from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization
+from uavbench.scenes.effects.image_sensor import AutoExposure, FixedExposure, Noise, Quantization
+from uavbench.scenes.effects.lens import LateralColour
+from uavbench.scenes.effects.processing import ColourFilter
+from uavbench.scenes.filming.film import with_effects
 from uavbench.scenes.generate import generate
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, light_of, through_lens
+from uavbench.scenes.rendering.camera_simulator import (
+    CameraSimulator,
+    View,
+    ideal_camera,
+    light_of,
+    render_camera,
+    through_lens,
+)
 from uavbench.scenes.rendering.radiance import Radiance, decode, encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import CameraSpec
@@ -66,6 +76,35 @@ def test_the_variance_is_that_of_what_the_sensor_does(effects: tuple[Noise | Qua
 
 def test_light_that_saturates_tells_nothing() -> None:
     assert np.isinf(light_variance(np.full((2, 2, 3), 1.2, dtype=np.float32), (Noise(),))).all()
+
+
+def test_colours_that_a_filter_blocks_tell_nothing_and_measured_ones_as_much_as_without() -> None:
+    clean = np.full((6, 8, 3), 0.4, dtype=np.float32)
+    filtered, plain = (light_variance(clean, effects) for effects in ((Noise(), ColourFilter("GBRG")), (Noise(),)))
+    measured = np.isfinite(filtered)
+    assert (measured.sum(axis=2) == 1).all()
+    assert measured[0, 0, 1] and measured[0, 1, 0] and measured[1, 0, 2]  # BGR
+    assert np.array_equal(filtered[measured], plain[measured])
+
+
+def test_a_lens_displaces_colours_of_a_finer_camera_as_far() -> None:
+    """Seen by a bound's renders, red and blue of a flight are those of its frames, and brighter by its stops."""
+    effects = (LateralColour(red_px=2.0, blue_px=-2.0), FixedExposure(stops=-0.5))
+    spec = replace(SPEC, environment=Studio(), mount=Mount(pitch_deg=-20.0), effects=effects)
+    scene, camera = build_scene(spec), spec.camera.camera()
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    ground_truth = camera_path(flight, spec.mount.cam_from_body)(0)
+    pinhole, lens = render_camera(camera, effects[0].margin_px)
+    with (
+        scene.renderer(pinhole.width, pinhole.height) as renderer,
+        FrameBounds(scene.renderer, camera, lambda _: ground_truth, effects) as limit,
+    ):
+        ideal = ideal_camera(renderer, camera, pinhole, lens, lambda _: ground_truth)
+        green, light = ideal.image(0), with_effects(ideal, effects, 0).image(0)
+        bound_light = limit._light(np.zeros(6), 0)
+    assert green is not None and light is not None
+    off, displaced = np.abs(bound_light - light).mean(), np.abs(green * np.float32(2**-0.5) - light).mean()
+    assert off < 0.25 * displaced
 
 
 def test_a_finer_camera_sees_the_same() -> None:

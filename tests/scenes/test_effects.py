@@ -7,7 +7,8 @@ import pytest
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
-from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
+from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization
+from uavbench.scenes.effects.lens import Vignetting
 from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.filming.film import with_effects
