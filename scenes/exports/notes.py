@@ -116,7 +116,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
             f"Rolling shutter: rows are exposed {delay_ns:.0f} ns apart; stamps and poses are those of the middle row, "
             f"and the pose of each row (`row_poses.npy`{mounts}) is not included."
         )
-    lines += _link(sequence)
+    lines += _images(sequence)
     for name in ("depth", "mask", "edges", "flow", "occlusion", "normals"):
         if name not in held.annotations and (sequence.folder / name).is_dir():
             lines.append(f"Annotations: `{name}/` is not included.")
@@ -163,11 +163,17 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
     return tuple(missing)
 
 
-def _link(sequence: Sequence) -> list[str]:
-    """Frames dropped and duplicated by the link."""
+def _images(sequence: Sequence) -> list[str]:
+    """What no file tells of the images: colours that the lens displaces, frames dropped and duplicated by the link."""
     listed = (sequence.info.get("config") or {}).get("effects") or ()
     effects = {str(effect.get("kind")): effect for effect in listed}
     lines = []
+    if "lateral-colour" in effects:
+        red_px, blue_px = (effects["lateral-colour"].get(key) for key in ("red_px", "blue_px"))
+        lines.append(
+            f"Lens: red and blue are displaced outwards from green, by {red_px} and {blue_px} px at the corner; the "
+            "calibration is that of green."
+        )
     if "drops" in effects and "rate_hz" in sequence.info:
         period_ns = 1e9 / float(sequence.info["rate_hz"])
         stamps = sequence.stamps_ns

@@ -48,6 +48,10 @@ def test_each_limit_is_told_where_it_is_there_and_only_there(made: Sequence, tmp
         ({"timeshift_cam_imu_ns": 3_000_000}, "Clock: t_imu = t_cam + 0.003 s"),
         ({"row_delay_ns": 1234.0}, "Rolling shutter: rows are exposed 1234 ns apart"),
         ({"deviation": {"scale": 0.0, "bend_m": 0.1}}, "Model: the images show the structure as built"),
+        (
+            {"config": {"effects": [{"kind": "lateral-colour", "red_px": 0.5, "blue_px": -0.25}]}},
+            "Lens: red and blue are displaced outwards from green, by 0.5 and -0.25 px at the corner",
+        ),
         ({"config": {"effects": [{"kind": "analog-link"}]}}, "Link: scan lines are shifted by the analog link"),
         (
             {"config": {"effects": [{"kind": "drops", "repeated": 0.25}]}, "rate_hz": 60.0},
