@@ -99,6 +99,11 @@ CHANGED = {
         {"kind": "analog-link", "snow": 0.0, "bursts_per_frame": 0.0, "dropouts_per_frame": 0.0},
     ],
     "exposure": [{"kind": "auto-exposure"}, NOISE],
+    "a longer exposure": [{"kind": "exposure", "stops": 1.5}, NOISE],
+    "a shorter exposure": [{"kind": "exposure", "stops": -2.0}, NOISE],
+    "a colour filter": [NOISE, {"kind": "colour-filter"}],
+    "sharp processing": [NOISE, {"kind": "colour-filter", "demosaicing": "gradient-corrected"}, {"kind": "sharpening"}],
+    "sharpened, compressed": [NOISE, {"kind": "sharpening"}, {"kind": "jpeg"}],
 }
 
 
