@@ -53,8 +53,8 @@ SECTIONS: dict[object, Section] = {
     ClutterSpec: Section("Clutter", "Objects around the structure, static or moving.", "clutter", environment_picture),
     EffectSpec: Section(
         "Effects",
-        "What shutter, lens, sensor and link do to the image, mostly more of it than usual: left without, right with "
-        "it; or six frames in a row where some of them do not arrive.",
+        "What shutter, lens, sensor, processing and link do to the image, mostly more of it than usual: left without, "
+        "right with it; or six frames in a row where some of them do not arrive.",
         "effects",
         effect_picture,
     ),
