@@ -14,6 +14,8 @@ from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
 CAMERA = Camera.from_field_of_view(640, 480, 65.0)
+ROWS = 32
+"""Of the finer image, whose floor is drawn at once."""
 BOX_TRIANGLES = np.array(
     [
         [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
@@ -107,18 +109,9 @@ class Scene:
     ) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) uint8, with shot and read noise when a generator is given."""
         height, width = camera.height * supersample, camera.width * supersample
-        d = np.ascontiguousarray((_rays(camera, supersample) @ cam_from_world.rotation).T).reshape(3, height, width)
+        d = (cam_from_world.rotation.T @ _rays(camera, supersample)).reshape(3, height, width)
         o = cam_from_world.inverse().translation
-        t = -o[2] / np.where(d[2] == 0, 1e-12, d[2])
-        hit = (t > 0) & (t < 50)
-        depth = np.where(hit, t, np.inf)
-        pixels = slice(None) if hit.all() else np.flatnonzero(hit)
-        reach = t.ravel()[pixels]
-        on_floor = np.empty((len(reach), 2))
-        for k in (0, 1):
-            on_floor[:, k] = (o[k] + reach * d[k].ravel()[pixels]) / 1.5
-        full = np.full((height, width, 3), 180.0, np.float32)
-        full.reshape(-1, 3)[pixels] = _sample(self.floor, on_floor)
+        full, depth = self._floor_seen(o, d)
         for face in self.faces:
             axis, side, at, u, v, low, high, tex = face
             if side * (o[axis] - at) <= 0:
@@ -131,21 +124,34 @@ class Scene:
             hit = (t > 0) & (t < near) & (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
             if not hit.any():
                 continue
-            full[window][hit] = _sample(tex, np.column_stack([pu[hit] - low[u], pv[hit] - low[v]]) / 0.5)
+            full[window][hit] = _sample(tex, *((p[hit] - least) / 0.5 for p, least in ((pu, low[u]), (pv, low[v]))))
             near[hit] = t[hit]
         small = cv2.resize(full, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         if noise_rng is not None:
             small = small + noise_rng.normal(size=small.shape) * np.sqrt(4.0 + 0.06 * small)
         return np.asarray(np.clip(small + 0.5, 0, 255), dtype=np.uint8)
 
+    def _floor_seen(self, o: Array, d: Array) -> tuple[NDArray[np.float32], Array]:
+        """Colour (h, w, 3) and depth (h, w) of the floor, infinite above the horizon; ROWS at a time, in the cache."""
+        full, depth = np.full((*d.shape[1:], 3), 180.0, np.float32), np.full(d.shape[1:], np.inf)
+        for first in range(0, len(depth), ROWS):
+            rows = slice(first, first + ROWS)
+            t = -o[2] / np.where(d[2, rows] == 0, 1e-12, d[2, rows])
+            hit = (t > 0) & (t < 50)
+            if hit.any():
+                seen = _sample(self.floor, *((o[k] + t * d[k, rows]).ravel() / 1.5 for k in (0, 1)))
+                np.copyto(full[rows], seen.reshape(*t.shape, 3), where=hit[..., None])
+                np.copyto(depth[rows], t, where=hit)
+        return full, depth
+
 
 @lru_cache(maxsize=1)
 def _rays(camera: Camera, supersample: int) -> Array:
-    """Rays (n, 3) in the camera frame, z = 1, row by row through supersample² points of each pixel."""
+    """Rays (3, n) in the camera frame, z = 1, row by row through supersample² points of each pixel."""
     s = supersample
     x = (np.arange(camera.width * s) - (s - 1) / 2) / s
     y = (np.arange(camera.height * s) - (s - 1) / 2) / s
-    return camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return np.ascontiguousarray(camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).T)
 
 
 def _window(face: Any, cam_from_world: Pose, camera: Camera, supersample: int) -> tuple[slice, slice]:
@@ -162,14 +168,13 @@ def _window(face: Any, cam_from_world: Pose, camera: Camera, supersample: int) -
     return slice(first[1], last[1]), slice(first[0], last[0])
 
 
-def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
-    size = tex.shape[0]
-    xy = ((uv - np.floor(uv)) * (size - 1)).astype(np.float32)
-    n = len(xy)
-    if n % 1024:
-        xy = np.resize(xy, (-(-n // 1024) * 1024, 2))
-    xy = xy.reshape(-1, 1024, 2)  # cv2.remap takes no more than 32767 rows
-    return cv2.remap(tex, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).reshape(-1, 3)[:n]
+def _sample(tex: NDArray[np.float32], u: Array, v: Array) -> Any:
+    """Colours (n, 3) of a texture that is repeated, at coordinates (n,) in its sizes."""
+    n, width = len(u), 1024  # cv2.remap takes no more than 32767 rows
+    x, y = (((at - np.floor(at)) * (len(tex) - 1)).astype(np.float32) for at in (u, v))
+    if n % width:
+        x, y = (np.resize(at, -(-n // width) * width) for at in (x, y))
+    return cv2.remap(tex, x.reshape(-1, width), y.reshape(-1, width), cv2.INTER_LINEAR).reshape(-1, 3)[:n]
 
 
 class PoseError(NamedTuple):
