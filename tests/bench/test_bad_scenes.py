@@ -7,6 +7,7 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_one_process
 from uavbench.bench.cli.main import main
 
 SUITE = """
@@ -142,17 +143,14 @@ SLOW = SUITE.replace("[5.0]", "[0.2]") + SEQUENCE.replace("NAME", "slow") + "rat
 """Of a flight of some 2 s, frames 5 s apart."""
 
 
-def test_a_frame_rate_slower_than_the_flight_is_told_with_the_file_and_the_key(tmp_path):
-    (tmp_path / "bad.toml").write_text(SLOW)
-    told = "rate_hz 0.2: one frame takes 5 s, and the flight .* s; raise rate_hz, or fly longer"
-    dry = uavbench("render", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
-    assert dry.returncode == 2 and dry.stderr == "1 of 1 sequences cannot be made: slow; the reasons are above\n"
-    assert any(re.fullmatch(f"slow: {told}", line) for line in dry.stdout.splitlines()), dry.stdout
-    done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
-    assert done.returncode == 2 and "Traceback" not in done.stderr
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]
-    assert re.fullmatch(f"FAILED render slow-s0 of bad.toml: sequence slow-s0: camera: {told}", line)
-    assert not (tmp_path / "out" / "sequences").exists()
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """Go to a folder of suites beside a user's plug-in."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "faulty.py").write_text(FAULTY)
+    yield
+    sys.modules.pop("faulty", None)
 
 
 def sequence(name, lines):
@@ -162,18 +160,32 @@ def sequence(name, lines):
     return "\n".join([*kept, lines])
 
 
-def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path):
+def test_a_frame_rate_slower_than_the_flight_is_told_with_the_file_and_the_key(tmp_path, own_folder):
+    """A worker tells it as this process does, and where a plug-in of the user has failed."""
+    (tmp_path / "bad.toml").write_text(SLOW + sequence("own", FLOWN["own"][0]))
+    told = "rate_hz 0.2: one frame takes 5 s, and the flight .* s; raise rate_hz, or fly longer"
+    dry = CliRunner().invoke(main, ["render", "bad.toml", "--out", "out", "--dry-run"])
+    assert dry.exit_code == 2 and dry.stderr == "2 of 2 sequences cannot be made: slow, own; the reasons are above\n"
+    assert any(re.fullmatch(f"slow: {told}", line) for line in dry.stdout.splitlines()), dry.stdout
+    done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    slow, own = sorted((line for line in done.stderr.splitlines() if line.startswith("FAILED")), reverse=True)
+    assert re.fullmatch(f"FAILED render slow-s0 of bad.toml: sequence slow-s0: camera: {told}", slow)
+    assert re.fullmatch(f"FAILED render own-s0 of bad.toml: {FLOWN['own'][1]}", own)
+    assert not (tmp_path / "out" / "sequences").exists()
+
+
+def test_what_only_the_flight_shows_is_told_with_the_file_and_the_key(tmp_path, own_folder):
     parts = [sequence(name, lines) for name, (lines, _) in FLOWN.items()]
     (tmp_path / "bad.toml").write_text("\n".join([SUITE, *parts]))
-    (tmp_path / "faulty.py").write_text(FAULTY)
-    dry = uavbench("render", "bad.toml", "--out", "out", "--dry-run", folder=tmp_path)
-    assert dry.returncode == 2
+    dry = CliRunner().invoke(main, ["render", "bad.toml", "--out", "out", "--dry-run"])
+    assert dry.exit_code == 2
     assert dry.stderr.startswith(f"{len(FLOWN)} of {len(FLOWN)} sequences cannot be made: {', '.join(FLOWN)};")
     for name, (_, message) in FLOWN.items():
         told_dry = f"{name}: {message.removeprefix(f'sequence {name}-s0: ').removeprefix('gimbal of camera: ')}"
         assert any(re.fullmatch(told_dry, line) for line in dry.stdout.splitlines()), (told_dry, dry.stdout)
-    done = uavbench("render", "bad.toml", "--out", "out", "--jobs", "1", folder=tmp_path)
-    assert done.returncode == 2 and "Traceback" not in done.stderr
+    done = in_one_process("render", "bad.toml", "--out", "out")
+    assert done.exit_code == 2 and "Traceback" not in done.stderr
     told = [line for line in done.stderr.splitlines() if line.startswith("FAILED")]
     assert len(told) == len(FLOWN)
     for name, (_, message) in FLOWN.items():
