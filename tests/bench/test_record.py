@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_one_process
 from tests.bench.drawn_scores import drawn, make_score, write
 from tests.bench.small_suites import FLOWN
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.paired_scores import read_side
 from uavbench.bench.history import record as recording
 from uavbench.bench.history.environment import environment
-from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.reports.history.history_file import History, read_history, write_history
 from uavbench.scenes.rendering import context as gl
 from uavbench.trajectories.errors import UserError
@@ -157,7 +157,7 @@ def test_the_environment_is_that_of_the_results_wherever_they_are_recorded(repos
 
 def test_the_environment_of_flights_has_the_driver_that_drew_them(tmp_path):
     (tmp_path / "flown.toml").write_text(FLOWN)
-    assert bring_up_to("fly", str(tmp_path / "flown.toml"), tmp_path / "out", ExecutionOptions()) == 0
+    assert in_one_process("fly", tmp_path / "flown.toml", "--out", tmp_path / "out").exit_code == 0
     assert environment(tmp_path / "out", read_side(tmp_path / "out"))["gl"] == gl.version()
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_one_process
 from tests.bench.drawn_scores import drawn, make_score, write
 from tests.bench.small_suites import SMALL
 from uavbench.bench.cli.main import main
 from uavbench.bench.gate.decision import Margins, gate, overall
 from uavbench.bench.gate.findings import to_json, to_junit, to_markdown, to_text
 from uavbench.bench.gate.paired_scores import PairedValues
-from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.reports.comparison_figures import paired
 from uavbench.reports.report import ReportInputs, write_scores
 from uavbench.reports.run_folder import load_runs
@@ -34,7 +34,7 @@ def still(tmp_path_factory):
     """Folder of a suite in which nothing depends on the seed."""
     folder = tmp_path_factory.mktemp("still")
     (folder / "still.toml").write_text(STILL + 'lsd = { kind = "lsd-single" }\n')
-    assert bring_up_to("report", str(folder / "still.toml"), folder / "out", ExecutionOptions()) == 0
+    assert in_one_process("run", folder / "still.toml", "--out", folder / "out").exit_code == 0
     return folder / "out"
 
 
@@ -81,7 +81,7 @@ def test_the_gate_counts_them_once_and_says_so(still, tmp_path):
 def test_seeds_of_a_noisy_camera_are_replicates(tmp_path):
     path = tmp_path / "noisy.toml"
     path.write_text(STILL.replace("camera =", 'effects = [{ kind = "noise" }]\ncamera ='))
-    assert bring_up_to("report", str(path), tmp_path / "out", ExecutionOptions()) == 0
+    assert in_one_process("run", path, "--out", tmp_path / "out").exit_code == 0
     assert "count as one" not in (tmp_path / "out" / "tables" / "summary.md").read_text()
 
 
