@@ -65,7 +65,7 @@ def test_a_fisheye_is_calibrated_with_its_own_model(tmp_path: Path) -> None:
 
 def test_corners_that_no_camera_fits_are_told(tmp_path: Path) -> None:
     """OpenCV finds small boards within larger ones, aslant, at another place in each picture."""
-    pictures = photographed(Camera(640, 480, 520.0, 523.0, 322.0, 236.0), tmp_path)
+    pictures = photographed(Camera(640, 480, 520.0, 523.0, 322.0, 236.0), tmp_path, 8)
     with pytest.raises(UserError, match=r"no camera fits the corners: the reprojection error is \d.* check --board"):
         calibrate([pictures], (3, 3), 0.025)
     with pytest.raises(UserError, match="the calibration does not converge"):
