@@ -30,14 +30,11 @@ def rolled():
     every = round(1e3 / RATE_HZ / (READOUT_MS / BANDS))
     fine = orbit(10 * every + BANDS, rate_hz=RATE_HZ * every, speed_m_s=1.0, seed=3)
     scene, images, poses = Scene([box_corners()]), [], []
-    step, rows = every, CAMERA.height // BANDS
-    for k in range(10):
-        first = k * step
-        image = np.empty((CAMERA.height, CAMERA.width, 3), np.uint8)
-        for band in range(BANDS):
-            part = slice(band * rows, (band + 1) * rows)
-            image[part] = scene.render(fine[first + band], supersample=1)[part]
-        images.append(image)
+    rows = CAMERA.height // BANDS
+    parts = [replace(CAMERA, height=rows, cy=CAMERA.cy - band * rows) for band in range(BANDS)]
+    for first in range(0, 10 * every, every):
+        bands = [scene.render(fine[first + k], camera, supersample=1) for k, camera in enumerate(parts)]
+        images.append(np.concatenate(bands))
         a, b = fine[first + BANDS // 2 - 1], fine[first + BANDS // 2]
         poses.append(Pose.exp(0.5 * (b @ a.inverse()).log()) @ a)
     return images, poses
