@@ -98,7 +98,7 @@ class Frames:
                 self.stretch = ContrastStretch.needed(raw, self.config.preprocessing)
             stretched = self.stretch.of(raw)
             image = smoothed(stretched, self.config.preprocessing)
-            self.fitter.begin(stamp_ns, self.step_s, stretched)
+            self.fitter.begin(stamp_ns, self.step_s, self.fitter.sharpening.undone(stretched))
         with clock.stage("predict"):
             predicted = state.predicted(dt_s, stamp_ns)
             self.fitter.move(state.motion.velocity if dt_s < self.config.slow_s else None)
@@ -125,7 +125,7 @@ class Frames:
             return FittedFrame(fit, frame)
         colours, unsmoothed, stretched = self.fitter.appearance, self.fitter.unsmoothed, stretch.of(frame.raw)
         image = smoothed(stretched, config)
-        self.fitter.locate_in(stretched)
+        self.fitter.locate_in(self.fitter.sharpening.undone(stretched))
         self.fitter.appearance = compensated(colours, self.stretch.towards(stretch, ratio))
         other = self.fitter.fit(image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         if other.finite and other.support > fit.support:

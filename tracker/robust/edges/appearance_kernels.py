@@ -10,6 +10,7 @@ from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import APPEARANCE, Image, learn, learn_squares
 from uavbench.tracker.robust.edges.steps.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
+from uavbench.tracker.robust.edges.steps.sharpening_kernels import UNKNOWN, Excess, Sharpened, excess_sharpening
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -41,17 +42,28 @@ class LookedAt(NamedTuple):
 
 class Nearness(NamedTuple):
     """Residuals in px below which the step at a control point is its edge's, and the colours beside it are; the optics
-    that are assumed.
+    that are assumed, the amount of sharpening that was undone, and whether it is asked for.
     """
 
     near_px: float
     beside_px: float
     optics: Optics
+    undone: float
+    asks: bool
+
+
+class SeenOptics(NamedTuple):
+    """What an image shows beside the optics that were assumed, NaN where unknown: variance of its blur in px^2 if it
+    was not sharpened; what it shows if it was, where that is asked for.
+    """
+
+    blur_px2: float
+    if_sharpened: Excess
 
 
 IMAGES = named_tuple(Images, "u3 u3")
 LOOKED_AT = named_tuple(LookedAt, "i1! f1! f1! i1! f2! f1!")
-NEARNESS = named_tuple(Nearness, "f0 f0 optics", optics=OPTICS)
+NEARNESS = named_tuple(Nearness, "f0 f0 optics f0 b0", optics=OPTICS)
 
 
 @compiled(
@@ -70,8 +82,8 @@ def learn_appearance(
     appearance: Array,
     limits: Nearness,
     config: AppearanceConfig,
-) -> float:
-    """Update `appearance` in place from a fit with this covariance (6, 6); its blur, as returned by `excess_blur`."""
+) -> SeenOptics:
+    """Update `appearance` in place from a fit with this covariance (6, 6); what the image shows of its optics."""
     n, rows = len(seen.rows), seen.rows
     distance, found, alone = np.full(n, np.inf), np.zeros(n), np.full(n, np.inf)
     for p in range(n):
@@ -88,4 +100,9 @@ def learn_appearance(
             found[p] = seen.weight[p]
     learn_squares(at, rows, distance, covariance, appearance, config)
     learn(images.searched, at, rows, found, appearance, config)
-    return excess_blur(images.sharp, at, rows, appearance, alone, limits.optics)
+    if_sharpened = UNKNOWN
+    if limits.asks:
+        if_sharpened = excess_sharpening(
+            images.sharp, at, rows, appearance, alone, Sharpened(limits.optics, limits.undone)
+        )
+    return SeenOptics(excess_blur(images.sharp, at, rows, appearance, alone, limits.optics), if_sharpened)

@@ -19,11 +19,13 @@ from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, REACH, se
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
 from uavbench.tracker.robust.edges.steps.blur import Blur
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
+from uavbench.tracker.robust.edges.steps.sharpening import Sharpening
 from uavbench.tracker.robust.edges.weight_kernels import point_variances
 from uavbench.tracker.robust.fit.judging import Judge
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
 from uavbench.tracker.robust.fit.learning import (
     MIN_POINTS,
+    Lens,
     Memory,
     Seen,
     found_faces,
@@ -80,7 +82,7 @@ class EdgeFitter:
         self.view = View.of(camera, structure)
         self.most_points, self.now_s = 0, 0.0
         self.unsmoothed: Image | None = None
-        self.blur = Blur()
+        self.blur, self.sharpening = Blur(), Sharpening()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.rng = rng
@@ -303,8 +305,11 @@ class EdgeFitter:
         lines = self.search_lines(fit.residuals.points, at)
         image = layered(image)
         seen = Seen(Images(image, self.sharp(image)), lines, fit.residuals)
-        excess_px2 = learn_edges(self.appearance, self.optics, seen, fit.covariance_of_told, self.values)
-        self.blur.learn(excess_px2, self.values.appearance.learning_rate)
+        lens = Lens(self.optics, self.sharpening.undoes, self.sharpening.asks(self.learned))
+        found = learn_edges(self.appearance, lens, seen, fit.covariance_of_told, self.values)
+        blur_px2 = found.if_sharpened.blur_px2 if self.sharpening.is_suspected else found.blur_px2
+        self.blur.learn(blur_px2, self.values.appearance.learning_rate)
+        self.sharpening.learn(found.if_sharpened.sharpening, self.values.appearance.learning_rate)
         self.learned += 1
         used = fit.residuals
         faces = found_faces(self.texture, used)

@@ -5,7 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.edges.appearance_kernels import Images, LookedAt, Nearness, learn_appearance
+from uavbench.tracker.robust.edges.appearance_kernels import (
+    Images,
+    LookedAt,
+    Nearness,
+    SeenOptics,
+    learn_appearance,
+)
 from uavbench.tracker.robust.edges.columns import OUTSIDE, U, V
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
@@ -57,16 +63,25 @@ class Seen(NamedTuple):
     residuals: FitResiduals
 
 
-def learn_edges(appearance: Array, optics: Optics, seen: Seen, covariance: Array, values: KernelConfig) -> float:
+class Lens(NamedTuple):
+    """The optics that are assumed, the amount of sharpening that was undone, and whether an image is asked for it."""
+
+    optics: Optics
+    undone: float
+    asks: bool
+
+
+def learn_edges(appearance: Array, lens: Lens, seen: Seen, covariance: Array, values: KernelConfig) -> SeenOptics:
     """Update appearance and mean squares of the edges from a fit with this covariance (6, 6).
 
-    Returns by how much the variance of the image's blur is more than that of the optics, px^2, NaN where unknown.
+    Returns what the image shows beside the optics.
     """
     images, lines, used = seen
     weighting, numbers = used.weighting, used.step.to_numbers
     looked_at = LookedAt(used.points.rows, weighting.residual, weighting.weight, used.steps, used.by_numbers, numbers)
-    limits = Nearness(values.widths.last_px, values.widths.trusted_px, optics)
-    return unchecked(learn_appearance)(images, lines, looked_at, covariance, appearance, limits, values.appearance)
+    limits = Nearness(values.widths.last_px, values.widths.trusted_px, *lens)
+    found = unchecked(learn_appearance)(images, lines, looked_at, covariance, appearance, limits, values.appearance)
+    return SeenOptics(*found)
 
 
 def found_faces(texture: Texture, used: FitResiduals) -> Indices:

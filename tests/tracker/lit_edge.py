@@ -1,0 +1,39 @@
+"""Images of a straight edge through a lens, as a camera codes them, and the control points of its border."""
+
+import math
+
+import numpy as np
+from scipy.special import erf
+
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.tracker.robust.edges.measurements import SearchLines
+from uavbench.tracker.robust.fit.response import srgb_light
+
+SIZE, FINE = 61, 8
+SRGB = srgb_light(np.arange(256) / 255)
+DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
+CODES = np.concatenate([encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0]]).astype(float)
+
+
+def edge(blur_px, angle_deg, distance=0.0, noise=0.0, rng=None):
+    """Image of a half plane by a lens, and the control points of its border, `distance` px before it."""
+    nu, nv = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
+    across = (at[None, :] - SIZE // 2) * nu + (at[:, None] - SIZE // 2) * nv
+    lens = math.sqrt(max(blur_px**2 - 1 / 12, 1e-9))
+    share = 0.5 * (1 + erf(across / (math.sqrt(2) * lens)))
+    share = share.reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
+    codes = encode(DARK * (1 - share) + BRIGHT * share).astype(float)
+    codes += rng.normal(0, noise, codes.shape) if rng is not None else 0.0
+    along = np.arange(-18, 19, 6)
+    n = len(along)
+    pixels = np.full((n, 2), SIZE // 2) + along[:, None] * [-nv, nu] - distance * np.array([nu, nv])
+    lines = np.column_stack([pixels, np.full(n, nu), np.full(n, nv)])
+    return np.clip(np.rint(codes), 0, 255).astype(np.uint8), SearchLines(lines, np.zeros((n, 6)), np.ones(n, np.int64))
+
+
+def appearance(lines, learned=True):
+    """Rows of appearance of the control points, which know both colours."""
+    rows = np.zeros((len(lines.lines), 8))
+    rows[:, :6], rows[:, 6] = CODES, float(learned)
+    return rows
