@@ -111,22 +111,23 @@ def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
 
 def test_the_light_follows_what_is_known_of_the_response():
     state = SharedNumbers(UNKNOWN, 1.0, BiasConfig())
-    np.testing.assert_allclose(state.posterior.probability, [IS_ANOTHER, IS_ROUNDED])
+    np.testing.assert_allclose(state.posterior.probability, [IS_ANOTHER, 1.0, IS_ROUNDED])
     np.testing.assert_allclose(state.response.light[0], srgb_light(CODES), atol=1e-6)
-    sure, nothing = np.diag([1e4, 1e4, 0.0]), np.zeros(NUMBERS + 1)  # of the radius nothing is known
+    numbers = NUMBERS + 2  # of the shift beside blown-out light and of the radius nothing is known
+    sure, nothing = np.diag([1e4, 1e4, 0.0, 0.0]), np.zeros(numbers)
     for _ in range(15):
         state.learn(NumbersSeen(sure, nothing), 0.1)
     assert state.posterior.probability[0] < 1e-3  # of even odds; sure is 2e-4 of the prior deviation
     assert not state.locate().any()
     assert np.sqrt(np.diagonal(state.posterior.covariance))[:NUMBERS].max() < 1e-3
     for _ in range(60):
-        state.learn(NumbersSeen(sure, sure @ (np.array([-0.8, 0.1, 0.0]) - state.at)), 0.1)
+        state.learn(NumbersSeen(sure, sure @ (np.array([-0.8, 0.1, 0.0, 0.0]) - state.at)), 0.1)
         state.locate()
     assert state.posterior.probability[0] > 1 - 1e-6
-    np.testing.assert_allclose(state.posterior.mean, [-0.8, 0.1, 0.0], atol=0.02)
+    np.testing.assert_allclose(state.posterior.mean, [-0.8, 0.1, 0.0, 0.0], atol=0.02)
     np.testing.assert_allclose(state.known.mean, 0.0, atol=0.021)
     assert np.sqrt(np.diagonal(state.posterior.covariance))[:NUMBERS].max() < 0.1 * SIGMA
-    state.learn(NumbersSeen(np.full((NUMBERS + 1, NUMBERS + 1), np.nan), nothing), 0.1)
+    state.learn(NumbersSeen(np.full((numbers, numbers), np.nan), nothing), 0.1)
     assert np.isfinite(state.posterior.mean).all()
 
 

@@ -137,8 +137,8 @@ def learned(radius, frames=30, edges=40, sigma_px=0.05):
     offsets = rng.normal(size=edges) * sigma_px
     view = View.of(CAMERA, BOX).at(Pose(np.eye(3), np.zeros(3)))
     for _ in range(frames):
-        J = np.column_stack([rng.normal(size=(edges, 6)) * 300, rng.uniform(0.0, 1.0, edges)])
-        residual = J[:, :6] @ rng.normal(size=6) * 1e-4 + J[:, 6] * (radius - numbers.at[0]) + offsets
+        J = np.column_stack([rng.normal(size=(edges, 6)) * 300, np.zeros(edges), rng.uniform(0.0, 1.0, edges)])
+        residual = J[:, :6] @ rng.normal(size=6) * 1e-4 + J[:, -1] * (radius - numbers.at[-1]) + offsets
         w = np.full(edges, information)
         sums = FrameSums(w, w[:, None] * J, w * residual, (J.T * w) @ J, J.T @ (w * residual), SURE, np.zeros(6))
         seen = biases.before(biases.offsets(np.arange(edges), np.full(edges, sigma_px**2), 0.0))
@@ -151,15 +151,15 @@ def learned(radius, frames=30, edges=40, sigma_px=0.05):
 @pytest.mark.parametrize("radius", [0.3, 0.6])
 def test_a_radius_is_learned_from_how_it_displaces_edges(radius):
     numbers = learned(radius)
-    sigma = float(np.sqrt(numbers.posterior.covariance[0, 0]))
-    assert numbers.posterior.probability[0] > 0.99
+    sigma = float(np.sqrt(numbers.posterior.covariance[-1, -1]))
+    assert numbers.posterior.probability[-1] > 0.99
     assert sigma < 0.1
-    assert numbers.posterior.mean[0] == pytest.approx(radius, abs=3 * sigma)
+    assert numbers.posterior.mean[-1] == pytest.approx(radius, abs=3 * sigma)
     assert numbers.rounding.radius_m == pytest.approx(0.03 * radius, abs=0.09 * sigma + 6e-4)
 
 
 def test_what_is_sharp_stays_sharp():
     numbers = learned(0.0)
-    assert numbers.posterior.probability[0] < IS_ROUNDED
-    assert abs(numbers.posterior.mean[0]) < 1e-3
+    assert numbers.posterior.probability[-1] < IS_ROUNDED
+    assert abs(numbers.posterior.mean[-1]) < 1e-3
     assert numbers.rounding.radius_m == 0.0

@@ -48,6 +48,7 @@ from uavbench.tracker.robust.fit.stage_kernels import (
     EdgeModel,
     Fitted,
     Located,
+    Shared,
     Solved,
     edges_in_view,
     locate,
@@ -227,8 +228,8 @@ class EdgeFitter:
         """Control points, their weights, and patches that are visible at the prediction."""
         view = self.view.at(predicted)
         with clock.stage("project"):
-            rounding = self.numbers.rounding
-            seen = unchecked(edges_in_view)(self.edges, view, self.appearance, MOST_POINTS, rounding, self.values)
+            shared = Shared(self.numbers.rounding, self.numbers.response.light, image.shape[2])
+            seen = unchecked(edges_in_view)(self.edges, view, self.appearance, MOST_POINTS, shared, self.values)
             self.texture.choose(view)
             prior = PosePrior(inverse6(covariance), view.R, view.t, self.numbers.known)
         return Problem(image, view, covariance, prior, *seen)

@@ -21,6 +21,8 @@ SIGMA = 0.5
 RADIUS_UNIT = 0.01
 """Unit of the radius, as a part of the smallest extent of the structure: by SIGMA, one radius in 20 is more than that.
 A carton of 0.3 m has a deviation of 1.5 mm, a hut of 3 m one of 15 mm."""
+BLOWN = -2
+"""Place among the numbers of the shift towards their dark sides, px, of edges beside what is blown out."""
 IS_ROUNDED = 0.02
 """Prior probability that a structure has round borders where its model has none. With 0.003 to 0.05 those of 15 and
 30 mm of two structures are learned alike; with even odds errors of sharp boxes are up to 17 % larger."""
@@ -36,10 +38,10 @@ class SharedNumbers:
     def __init__(self, camera: Camera, smallest_m: float, config: BiasConfig) -> None:
         self.response, self.unit_m, self.config = Response(camera), RADIUS_UNIT * smallest_m, config
         of_light = self.response.numbers
-        self.count = n = of_light + 1
-        first = [0, of_light, n] if of_light else [0, n]
+        self.count = n = of_light + 2
+        first = [0, of_light, of_light + 1, n] if of_light else [0, 1, n]
         groups = len(first) - 1
-        chances, decided = np.array([IS_ANOTHER, IS_ROUNDED]), np.array([False, True])
+        chances, decided = np.array([IS_ANOTHER, 1.0, IS_ROUNDED]), np.array([False, False, True])
         self.slabs = Slabs(np.array(first), chances[-groups:].copy(), decided[-groups:].copy())
         self.information, self.vector = np.zeros((n, n)), np.zeros(n)
         self.posterior = mixture(self.information, self.vector, self.slabs, SIGMA)
@@ -61,10 +63,11 @@ class SharedNumbers:
     def locate(self) -> Array:
         """Choose the numbers by which edges are located, the mean; their change (r,)."""
         moved = self.posterior.mean - self.at
+        moved[BLOWN] = 0.0
         if not (np.abs(moved) > 2 * DIFFERENCE).any():
             return self.unmoved
-        self.at = self.posterior.mean
-        self.response.locate(self.at[:-1])
+        self.at = self.at + moved
+        self.response.locate(self.at[:BLOWN])
         return np.asarray(moved)
 
     @property

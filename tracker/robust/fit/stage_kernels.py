@@ -18,7 +18,7 @@ from uavbench.tracker.robust.edges.measurements import (
 from uavbench.tracker.robust.edges.profile_kernels import Image, search
 from uavbench.tracker.robust.edges.rounding_kernels import ROUNDING, Rounding, derivatives, motion_by_radius, move
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
-from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, blown_side
 from uavbench.tracker.robust.edges.subpixel_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
@@ -49,6 +49,17 @@ class EdgeModel(NamedTuple):
     ends: Array
     inward: Array
     appearance: Array
+
+
+class Shared(NamedTuple):
+    """What moves the edges of an image together: rounding, and the light (1 + r, 256) of the codes of its channels."""
+
+    rounding: Rounding
+    light: Array
+    channels: int
+
+
+SHARED = named_tuple(Shared, "rounding f2! i0", rounding=ROUNDING)
 
 
 class EdgesInView(NamedTuple):
@@ -127,17 +138,19 @@ FITTED = named_tuple(
 WEIGHTINGS = named_tuple(Weightings, "weighting weighting", weighting=WEIGHTING)
 
 
-@compiled("edges view f2 i0 rounding values", edges=EDGE_MAP, view=VIEW, rounding=ROUNDING, values=KERNEL_CONFIG)
+@compiled("edges view f2 i0 shared values", edges=EDGE_MAP, view=VIEW, shared=SHARED, values=KERNEL_CONFIG)
 def edges_in_view(
-    edges: EdgeMap, view: View, appearance: Array, most: int, rounding: Rounding, values: KernelConfig
+    edges: EdgeMap, view: View, appearance: Array, most: int, shared: Shared, values: KernelConfig
 ) -> EdgesInView:
     """Control points on the visible edges, about `most` where there are many, rounded off, with their weights."""
-    points = sample_edges(edges, view, values.spacing_px, most)
+    points, rounding = sample_edges(edges, view, values.spacing_px, most), shared.rounding
     motion = motion_by_radius(points, edges, view)
     move(points, motion, rounding.radius_m)
     lines = search_lines(points, edges.ends, edges.inward, view)
     by_numbers = np.zeros((len(motion), rounding.numbers))
     by_numbers[:, rounding.numbers - 1] = derivatives(lines, motion, rounding.unit_m, view)
+    for p in range(len(motion)):
+        by_numbers[p, rounding.numbers - 2] = -blown_side(appearance[points.rows[p]], shared.channels, shared.light)
     separate_px, weak_step = values.widths.separate_px, values.appearance.weak_step_grey
     weights = weights_in_view(lines, points, appearance, separate_px, weak_step, values.weights)
     rows = np.empty(len(points.first) - 1, np.int64)

@@ -14,6 +14,8 @@ FIRST_BLUR_PX = 0.5
 """Blur of a frame before any was measured: that of a pixel, and 0.4 px of a sharp lens."""
 BLOWN_OUT = 250
 """Least code of light that may be more than a pixel holds: 255, less what noise and compression take away."""
+NEARLY_BLOWN_OUT = 247
+"""Least code of a channel that is blown out where another one of its side is: video codes white as 250, 253, 251."""
 LEAST_PART = 0.25
 """Least part of the square of a step in the channels that are not blown out, which are then enough: half of its height.
 Not tuned."""
@@ -32,6 +34,15 @@ OPTICS = named_tuple(Optics, "f2! f0")
 
 
 @inlined(allocates=False)
+def least_blown(row: Array, channels: int) -> float:
+    """Least code of a channel of an edge's sides that is blown out."""
+    highest = 0.0
+    for c in range(channels):
+        highest = max(highest, row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c])
+    return float(NEARLY_BLOWN_OUT if highest >= BLOWN_OUT else BLOWN_OUT)
+
+
+@inlined(allocates=False)
 def learned_light(row: Array, channels: int, light: Array, colour: Array) -> float:
     """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`.
 
@@ -40,19 +51,36 @@ def learned_light(row: Array, channels: int, light: Array, colour: Array) -> flo
     colour[:] = 0.0
     if not row[TIMES_SEEN] > 0.0:
         return 0.0
-    square, seen = 0.0, 0.0
+    square, seen, least = 0.0, 0.0, least_blown(row, channels)
     for c in range(channels):
         high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
         colour[c] = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
         square += colour[c] * colour[c]
-        seen += colour[c] * colour[c] if max(high, low) < BLOWN_OUT else 0.0
+        seen += colour[c] * colour[c] if max(high, low) < least else 0.0
     if LEAST_PART * square <= seen < square:
         square = seen
         for c in range(channels):
-            if max(row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]) >= BLOWN_OUT:
+            if max(row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]) >= least:
                 colour[c] = 0.0
     step = math.sqrt(square)
     if step > 0.0:
         for c in range(channels):
             colour[c] /= step
     return step
+
+
+@inlined(allocates=False)
+def blown_side(row: Array, channels: int, light: Array) -> float:
+    """Side of an edge that is blown out in the channels that tell most of its step: 1 the positive one, -1 the other.
+
+    0 where none is, or nothing is learned.
+    """
+    if not row[TIMES_SEEN] > 0.0:
+        return 0.0
+    square, seen, brighter, least = 0.0, 0.0, 0.0, least_blown(row, channels)
+    for c in range(channels):
+        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
+        step = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
+        square, brighter = square + step * step, brighter + step
+        seen += step * step if max(high, low) < least else 0.0
+    return 0.0 if seen >= LEAST_PART * square else math.copysign(1.0, brighter)
