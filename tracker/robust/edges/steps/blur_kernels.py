@@ -29,6 +29,19 @@ take time."""
 Indices = NDArray[np.int64]
 
 
+@compiled
+def measured_points(distance: Array) -> NDArray[np.bool_]:
+    """Which control points (n,) are measured: of those that stand alone, whose distance is not inf, some of many."""
+    out, alone = np.zeros(len(distance), np.bool_), 0
+    for p in range(len(distance)):
+        alone += int(distance[p] < np.inf)
+    every, alone = 1 + alone // MOST_MEASURED, 0
+    for p in range(len(distance)):
+        alone += int(distance[p] < np.inf)
+        out[p] = distance[p] < np.inf and alone % every == 0
+    return out
+
+
 @compiled("u3 lines i1 f2 f1 optics", inner=True, lines=SEARCH_LINES, optics=OPTICS)
 def excess_blur(
     image: Image, at: SearchLines, rows: Indices, appearance: Array, distance: Array, optics: Optics
@@ -42,15 +55,9 @@ def excess_blur(
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
-    strip, alone = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px)), 0
+    strip, measures = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px)), measured_points(distance)
     for p in range(len(rows)):
-        alone += int(distance[p] < np.inf)
-    every, alone = 1 + alone // MOST_MEASURED, 0
-    for p in range(len(rows)):
-        if not distance[p] < np.inf:
-            continue
-        alone += 1
-        if alone % every or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
+        if not measures[p] or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
             continue
         for k in range(COMPONENTS):
             moved = distance[p] + (k - 1) * blur_px

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.steps.blur_kernels import ALONG_PX, LEAST_MEASURED, MOST_MEASURED
+from uavbench.tracker.robust.edges.steps.blur_kernels import ALONG_PX, LEAST_MEASURED, measured_points
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, PIXEL_PX, Optics, learned_light
 from uavbench.tracker.robust.edges.steps.sharpening import REACH_PX
 from uavbench.tracker.robust.edges.steps.step_kernels import solve
@@ -94,15 +94,9 @@ def excess_of_points(
     blur_px2, amount, known = np.empty(len(rows)), np.empty(len(rows)), 0
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     moved = np.array([0.0, -optics.blur_px, optics.blur_px, -REACH_PX, REACH_PX])
-    strip, alone = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], optics.blur_px)), 0
+    strip, measures = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], optics.blur_px)), measured_points(distance)
     for p in range(len(rows)):
-        alone += int(distance[p] < np.inf)
-    every, alone = 1 + alone // MOST_MEASURED, 0
-    for p in range(len(rows)):
-        if not distance[p] < np.inf:
-            continue
-        alone += 1
-        if alone % every:
+        if not measures[p]:
             continue
         height = learned_light(appearance[rows[p]], image.shape[2], optics.light, colour)
         if not height > optics.light[0, 1]:  # more than one code
