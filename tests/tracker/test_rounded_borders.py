@@ -133,7 +133,7 @@ def learned(radius, frames=30, edges=40, sigma_px=0.05):
     rng, information = np.random.default_rng(5), 4e4
     numbers = SharedNumbers(replace(CAMERA, response="srgb"), 3.0, BiasConfig())
     kinds = EdgeKinds(np.full(edges, -1), np.ones(edges), 0)
-    biases = NuisanceBiases(kinds, BiasConfig(), numbers.count)
+    biases = NuisanceBiases(kinds, BiasConfig(), numbers.count, len(numbers.slabs.probability))
     offsets = rng.normal(size=edges) * sigma_px
     view = View.of(CAMERA, BOX).at(Pose(np.eye(3), np.zeros(3)))
     for _ in range(frames):
