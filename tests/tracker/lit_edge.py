@@ -7,7 +7,7 @@ from scipy.special import erf
 
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.tracker.robust.edges.measurements import SearchLines
-from uavbench.tracker.robust.fit.response import srgb_light
+from uavbench.tracker.robust.optics.response import srgb_light
 
 SIZE, FINE = 61, 8
 SRGB = srgb_light(np.arange(256) / 255)

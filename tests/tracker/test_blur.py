@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.tracker.lit_edge import SRGB, appearance, edge
-from uavbench.tracker.robust.edges.steps.blur import MOST_BLUR_PX, Blur
 from uavbench.tracker.robust.edges.steps.blur_kernels import LEAST_MEASURED, excess_blur
 from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX, PIXEL_PX, Optics
+from uavbench.tracker.robust.optics.blur import MOST_BLUR_PX, Blur
 
 
 def excess(image, lines, distance, blur_px, learned=True):

@@ -20,8 +20,8 @@ from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
-from uavbench.tracker.robust.fit.response import CODES, IS_ANOTHER, NUMBERS, Response, srgb_light
 from uavbench.tracker.robust.fit.shared_numbers import IS_ROUNDED, SIGMA, SharedNumbers
+from uavbench.tracker.robust.optics.response import CODES, IS_ANOTHER, NUMBERS, Response, srgb_light
 from uavbench.tracker.robust.solver.bias_kernels import linearize
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases

@@ -14,8 +14,8 @@ from uavbench.tracker.robust.edges.columns import BOTH_FACES, EDGE, FACES
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.rounding_kernels import derivatives, motion_by_radius, move
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
-from uavbench.tracker.robust.fit.mixture_kernels import Slabs, mixture
 from uavbench.tracker.robust.fit.shared_numbers import IS_ROUNDED, SIGMA, SharedNumbers
+from uavbench.tracker.robust.optics.mixture_kernels import Slabs, mixture
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from tests.tracker.lit_edge import SRGB, appearance, edge
-from uavbench.tracker.robust.edges.steps.blur import Blur
 from uavbench.tracker.robust.edges.steps.blur_kernels import LEAST_MEASURED, excess_blur
 from uavbench.tracker.robust.edges.steps.optics_kernels import BLOWN_OUT, Optics
-from uavbench.tracker.robust.edges.steps.sharpening import ASK_EVERY, LEAST_AMOUNT, MOST_AMOUNT, Sharpening
 from uavbench.tracker.robust.edges.steps.sharpening_kernels import Sharpened, excess_sharpening
+from uavbench.tracker.robust.optics.blur import Blur
+from uavbench.tracker.robust.optics.sharpening import ASK_EVERY, LEAST_AMOUNT, MOST_AMOUNT, Sharpening
 
 
 def unsharp_masked(image, amount, radius_px=1.0):

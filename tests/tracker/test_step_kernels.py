@@ -10,7 +10,7 @@ from uavbench.scenes.rendering.radiance import encode
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
-from uavbench.tracker.robust.fit.response import light_of_codes, srgb_light
+from uavbench.tracker.robust.optics.response import light_of_codes, srgb_light
 
 SIZE, FINE, BLUR_PX = 41, 8, 0.5
 DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])

@@ -17,9 +17,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, REACH, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
-from uavbench.tracker.robust.edges.steps.blur import Blur
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
-from uavbench.tracker.robust.edges.steps.sharpening import Sharpening
 from uavbench.tracker.robust.edges.weight_kernels import point_variances
 from uavbench.tracker.robust.fit.judging import Judge
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
@@ -55,6 +53,8 @@ from uavbench.tracker.robust.fit.stage_kernels import (
     measure_near,
     solve_anew,
 )
+from uavbench.tracker.robust.optics.blur import Blur
+from uavbench.tracker.robust.optics.sharpening import Sharpening
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds

@@ -9,8 +9,8 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.edges.rounding_kernels import Rounding
-from uavbench.tracker.robust.fit.mixture_kernels import Slabs, mixture
-from uavbench.tracker.robust.fit.response import DIFFERENCE, IS_ANOTHER, Response
+from uavbench.tracker.robust.optics.mixture_kernels import Slabs, mixture
+from uavbench.tracker.robust.optics.response import DIFFERENCE, IS_ANOTHER, Response
 from uavbench.tracker.robust.solver.number_kernels import NumbersSeen
 from uavbench.tracker.robust.solver.number_state import KnownNumbers
 from uavbench.trajectories.kernels.compiled import unchecked

@@ -15,13 +15,18 @@ from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.steps.blur_kernels import ALONG_PX, LEAST_MEASURED, measured_points
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, PIXEL_PX, Optics, learned_light
-from uavbench.tracker.robust.edges.steps.sharpening import REACH_PX
 from uavbench.tracker.robust.edges.steps.step_kernels import solve
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for, sums_of_steps
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
+BOX_PX, TIMES = 3, 2
+"""Pixels of a box across, and how often its mean is taken: together a blur of REACH_PX, in a third of the time of a
+Gaussian."""
+REACH_PX = math.sqrt(TIMES * (BOX_PX**2 - 1) / 12)
+"""Standard deviation of the blur with which an image is mixed to undo sharpening: between that of an unsharp mask of
+1 px, the usual one, and what is left of it once it is undone, which is wider by the square root of 1 + amount."""
 COMPONENTS = 5
 """Steps of light: the edge's own, a blur to either side of it, and a reach of sharpening to either side."""
 TERMS = np.zeros((4, 2 * COMPONENTS))

@@ -7,13 +7,8 @@ import numpy as np
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.steps.optics_kernels import BLOWN_OUT
+from uavbench.tracker.robust.edges.steps.sharpening_kernels import BOX_PX, TIMES
 
-BOX_PX, TIMES = 3, 2
-"""Pixels of a box across, and how often its mean is taken: together a blur of REACH_PX, in a third of the time of a
-Gaussian."""
-REACH_PX = math.sqrt(TIMES * (BOX_PX**2 - 1) / 12)
-"""Standard deviation of the blur with which an image is mixed to undo sharpening: between that of an unsharp mask of
-1 px, the usual one, and what is left of it once it is undone, which is wider by the square root of 1 + amount."""
 LEAST_AMOUNT = 0.2
 """Least amount that is undone: images of a sharp lens, whose square pixels blur with less of a tail than is thought,
 seem to have up to 0.1, from which on blur and amount are told apart."""
