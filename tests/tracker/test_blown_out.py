@@ -10,7 +10,7 @@ from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, TIMES_SEEN
-from uavbench.tracker.robust.edges.steps.optics_kernels import blown_side, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, Optics, blown_side, learned_light
 from uavbench.tracker.robust.fit.shared_numbers import BLOWN, SIGMA, SharedNumbers
 from uavbench.tracker.robust.optics.response import CODES, srgb_light
 from uavbench.tracker.robust.solver.number_kernels import NumbersSeen
@@ -91,7 +91,7 @@ def test_nothing_is_blown_out_that_was_not_seen():
 
 def test_a_channel_that_video_keeps_below_white_tells_no_step():
     colour = np.empty(3)
-    learned_light.py_func(appearance((40, 60, 50), (248, 235, 253)), 3, LIGHT, colour)
+    learned_light.py_func(appearance((40, 60, 50), (248, 235, 253)), 3, Optics(LIGHT, 0.5, ALIGNED), colour)
     assert colour[0] == colour[2] == 0.0
     assert colour[1] == 1.0
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.tracker.lit_edge import SRGB, appearance, edge
 from uavbench.tracker.robust.edges.steps.blur_kernels import LEAST_MEASURED, excess_blur
-from uavbench.tracker.robust.edges.steps.optics_kernels import FIRST_BLUR_PX, PIXEL_PX, Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, FIRST_BLUR_PX, PIXEL_PX, Optics
 from uavbench.tracker.robust.optics.blur import MOST_BLUR_PX, Blur
 
 
@@ -13,7 +13,7 @@ def excess(image, lines, distance, blur_px, learned=True):
     n = len(lines.lines)
     at = np.broadcast_to(distance, n).astype(float)
     return excess_blur.for_python(
-        image, lines, np.arange(n), appearance(lines, learned), at, Optics(SRGB[None], blur_px)
+        image, lines, np.arange(n), appearance(lines, learned), at, Optics(SRGB[None], blur_px, ALIGNED)
     )
 
 

@@ -17,7 +17,7 @@ from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
 from uavbench.scenes.world.studio import Studio
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
 from uavbench.tracker.robust.fit.shared_numbers import IS_ROUNDED, SIGMA, SharedNumbers
@@ -101,8 +101,9 @@ def test_how_a_step_moves_with_the_response_is_told_with_it(crowded, number):
     def found(value):
         state.locate(value * np.eye(NUMBERS)[number])
         sums = room_for(6, NUMBERS, 2)
-        learned_light(row, 3, state.light, colour)
-        at = fit_step(image, np.atleast_2d(lines), 0.2, Strip(2, 2, Optics(state.light, BLUR_PX)), colour, sums)
+        optics = Optics(state.light, BLUR_PX, ALIGNED)
+        learned_light(row, 3, optics, colour)
+        at = fit_step(image, np.atleast_2d(lines), 0.2, Strip(2, 2, optics), colour, sums)
         return at.distance, sums.by_response[number]
 
     slope = (found(0.03)[0] - found(-0.03)[0]) / 0.06

@@ -6,7 +6,7 @@ import pytest
 
 from tests.tracker.lit_edge import SRGB, appearance, edge
 from uavbench.tracker.robust.edges.steps.blur_kernels import LEAST_MEASURED, excess_blur
-from uavbench.tracker.robust.edges.steps.optics_kernels import BLOWN_OUT, Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, BLOWN_OUT, Optics
 from uavbench.tracker.robust.edges.steps.sharpening_kernels import Sharpened, excess_sharpening
 from uavbench.tracker.robust.optics.blur import Blur
 from uavbench.tracker.robust.optics.sharpening import ASK_EVERY, LEAST_AMOUNT, MOST_AMOUNT, Sharpening
@@ -22,7 +22,7 @@ def unsharp_masked(image, amount, radius_px=1.0):
 def excess(image, lines, blur_px=0.5, undone=0.0, distance=0.0, learned=True):
     n = len(lines.lines)
     at = np.broadcast_to(distance, n).astype(float)
-    sharpened = Sharpened(Optics(SRGB[None], blur_px), undone)
+    sharpened = Sharpened(Optics(SRGB[None], blur_px, ALIGNED), undone)
     return excess_sharpening.for_python(image, lines, np.arange(n), appearance(lines, learned), at, sharpened)
 
 
@@ -34,7 +34,7 @@ def learned_from(amount, blur_px, radius_px=1.0, noise=0.0, frames=40):
         seen = state.undone(unsharp_masked(image, amount, radius_px))
         n = len(lines.lines)
         alone = excess_blur.for_python(
-            seen, lines, np.arange(n), appearance(lines), np.zeros(n), Optics(SRGB[None], blur.px)
+            seen, lines, np.arange(n), appearance(lines), np.zeros(n), Optics(SRGB[None], blur.px, ALIGNED)
         )
         shown = excess(seen, lines, blur.px, state.undoes)
         blur.learn(shown.blur_px2 if state.is_suspected else alone, 0.1)

@@ -7,7 +7,7 @@ import pytest
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.radiance import encode
-from uavbench.tracker.robust.edges.steps.optics_kernels import Optics, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, Optics, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
 from uavbench.tracker.robust.optics.response import light_of_codes, srgb_light
@@ -46,14 +46,14 @@ def strip(gap, distance, angle_deg, middle=0.3):
 
 def fit(image, lines, start, colour, blur_px=BLUR_PX, light=SRGB[None], room=None):
     room = room_for(6, len(light) - 1, 2) if room is None else room
-    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px)), colour, room)
+    return fit_step(image, np.atleast_2d(lines), start, Strip(2, 2, Optics(light, blur_px, ALIGNED)), colour, room)
 
 
 def direction(bright=BRIGHT):
     row = np.zeros(8)
     row[:3], row[3:6], row[6] = encode(DARK[None, None])[0, 0], encode(np.minimum(1, bright)[None, None])[0, 0], 5
     colour = np.empty(3)
-    return learned_light(row, 3, SRGB[None], colour), colour
+    return learned_light(row, 3, Optics(SRGB[None], BLUR_PX, ALIGNED), colour), colour
 
 
 @pytest.mark.parametrize("start", [-0.2, 0.1, 0.6, 3.0])
@@ -207,6 +207,6 @@ def test_a_step_is_found_in_the_codes_of_a_camera_whose_response_is_known(respon
     known = light_of_codes(Camera(SIZE, SIZE, 40, 40, 20, 20, response=response))
     found = []
     for light in (known[None], SRGB[None]):
-        learned_light(row, 3, light, colour)
+        learned_light(row, 3, Optics(light, BLUR_PX, ALIGNED), colour)
         found.append(abs(fit(codes[image], line, 0.2, colour, light=light).distance - 0.2))
     assert found[0] < 0.01 and found[1] > 2 * found[0]

@@ -9,6 +9,7 @@ from uavbench.tracker.robust.config.edges import AppearanceConfig
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import APPEARANCE, Image, learn, learn_squares
 from uavbench.tracker.robust.edges.steps.blur_kernels import excess_blur
+from uavbench.tracker.robust.edges.steps.colour_kernels import SeenColours, colours_apart, nothing_seen
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
 from uavbench.tracker.robust.edges.steps.sharpening_kernels import UNKNOWN, Excess, Sharpened, excess_sharpening
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -54,11 +55,12 @@ class Nearness(NamedTuple):
 
 class SeenOptics(NamedTuple):
     """What an image shows beside the optics that were assumed, NaN where unknown: variance of its blur in px^2 if it
-    was not sharpened; what it shows if it was, where that is asked for.
+    was not sharpened; what it shows if it was, and where its colours lie, where that is asked for.
     """
 
     blur_px2: float
     if_sharpened: Excess
+    colours: SeenColours
 
 
 IMAGES = named_tuple(Images, "u3 u3")
@@ -100,9 +102,11 @@ def learn_appearance(
             found[p] = seen.weight[p]
     learn_squares(at, rows, distance, covariance, appearance, config)
     learn(images.searched, at, rows, found, appearance, config)
-    if_sharpened = UNKNOWN
+    if_sharpened, colours = UNKNOWN, nothing_seen()
     if limits.asks:
+        colours = colours_apart(images.sharp, at, rows, appearance, alone, limits.optics)
         if_sharpened = excess_sharpening(
             images.sharp, at, rows, appearance, alone, Sharpened(limits.optics, limits.undone)
         )
-    return SeenOptics(excess_blur(images.sharp, at, rows, appearance, alone, limits.optics), if_sharpened)
+    blur_px2 = excess_blur(images.sharp, at, rows, appearance, alone, limits.optics)
+    return SeenOptics(blur_px2, if_sharpened, colours)

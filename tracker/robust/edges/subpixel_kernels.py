@@ -17,7 +17,7 @@ from uavbench.tracker.robust.edges.steps.crowd_kernels import (
     edges_near,
     extents_of_edges,
 )
-from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, displaced_px, learned_light
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, REACH_PX, Strip, Sums, room_for
 from uavbench.tracker.robust.edges.weight_kernels import WEIGHTS
@@ -143,7 +143,7 @@ def refine_subpixel(
         np.zeros((n, ACROSS)),
     )
     seen = Seen(at, points, fitted, extents_of_edges(at, first))
-    looks = Looks(image, appearance, optics, Optics(optics.light[:1], optics.blur_px))
+    looks = Looks(image, appearance, optics, Optics(optics.light[:1], optics.blur_px, optics.colours))
     room = Room(
         Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64)),
         room_for(MOST_STEPS, 0, COARSE_LINES),
@@ -178,7 +178,7 @@ def locate_edge(looks: Looks, seen: Seen, g: int, own_part: float, room: Room, f
             continue
         edges.distance[p, 0] = residual[p]
         row = looks.appearance[rows[p]]
-        if at.side[p] == OUTSIDE or not learned_light(row, looks.image.shape[2], optics.light, colour) > 0.0:
+        if at.side[p] == OUTSIDE or not learned_light(row, looks.image.shape[2], optics, colour) > 0.0:
             continue
         steps = crowd(at, first, p, half_px, others, reach_px, room.crowd)
         if steps == 0:
@@ -189,7 +189,8 @@ def locate_edge(looks: Looks, seen: Seen, g: int, own_part: float, room: Room, f
             continue
         step = fit_step(looks.image, together, near.distance, fine, colour, room.fine)
         if abs(step.distance - start) < MAX_SHIFT_PX:
-            edges.distance[p, 0], edges.steps[p] = step.distance, steps
+            moved = displaced_px(row, looks.image, at.lines[p], optics, colour)
+            edges.distance[p, 0], edges.steps[p] = step.distance - moved, steps
             edges.variance_px2[p] = own_part * row[MEAN_SQUARE]
             found.own_px2[p] = step.variance_px2
             for x in range(ACROSS):

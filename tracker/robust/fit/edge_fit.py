@@ -54,6 +54,7 @@ from uavbench.tracker.robust.fit.stage_kernels import (
     solve_anew,
 )
 from uavbench.tracker.robust.optics.blur import Blur
+from uavbench.tracker.robust.optics.colours import Colours
 from uavbench.tracker.robust.optics.sharpening import Sharpening
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
@@ -83,7 +84,7 @@ class EdgeFitter:
         self.view = View.of(camera, structure)
         self.most_points, self.now_s = 0, 0.0
         self.unsmoothed: Image | None = None
-        self.blur, self.sharpening = Blur(), Sharpening()
+        self.blur, self.sharpening, self.colours = Blur(), Sharpening(), Colours()
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.rng = rng
@@ -109,7 +110,7 @@ class EdgeFitter:
     @property
     def optics(self) -> Optics:
         """How light is thought to become codes."""
-        return Optics(self.numbers.response.light, self.blur.px)
+        return Optics(self.numbers.response.light, self.blur.px, self.colours.known)
 
     @property
     def judge(self) -> Judge:
@@ -308,9 +309,10 @@ class EdgeFitter:
         seen = Seen(Images(image, self.sharp(image)), lines, fit.residuals)
         lens = Lens(self.optics, self.sharpening.undoes, self.sharpening.asks(self.learned))
         found = learn_edges(self.appearance, lens, seen, fit.covariance_of_told, self.values)
-        blur_px2 = found.if_sharpened.blur_px2 if self.sharpening.is_suspected else found.blur_px2
-        self.blur.learn(blur_px2, self.values.appearance.learning_rate)
-        self.sharpening.learn(found.if_sharpened.sharpening, self.values.appearance.learning_rate)
+        rate, if_sharpened = self.values.appearance.learning_rate, found.if_sharpened
+        self.blur.learn(if_sharpened.blur_px2 if self.sharpening.is_suspected else found.blur_px2, rate)
+        self.sharpening.learn(if_sharpened.sharpening, rate)
+        self.colours.learn(found.colours, dt_s, rate)
         self.learned += 1
         used = fit.residuals
         faces = found_faces(self.texture, used)

@@ -55,9 +55,12 @@ def excess_blur(
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
-    strip, measures = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px)), measured_points(distance)
+    strip, measures = (
+        Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px, optics.colours)),
+        measured_points(distance),
+    )
     for p in range(len(rows)):
-        if not measures[p] or not learned_light(appearance[rows[p]], image.shape[2], optics.light, colour) > 0.0:
+        if not measures[p] or not learned_light(appearance[rows[p]], image.shape[2], optics, colour) > 0.0:
             continue
         for k in range(COMPONENTS):
             moved = distance[p] + (k - 1) * blur_px

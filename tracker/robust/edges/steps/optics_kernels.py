@@ -3,7 +3,18 @@
 import math
 from typing import NamedTuple
 
-from uavbench.tracker.robust.edges.columns import NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN
+import numpy as np
+
+from uavbench.tracker.robust.edges.columns import (
+    NEGATIVE_COLOUR,
+    NORMAL_U,
+    NORMAL_V,
+    POSITIVE_COLOUR,
+    TIMES_SEEN,
+    U,
+    V,
+)
+from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import inlined
 from uavbench.trajectories.pose import Array
@@ -19,18 +30,26 @@ NEARLY_BLOWN_OUT = 247
 LEAST_PART = 0.25
 """Least part of the square of a step in the channels that are not blown out, which are then enough: half of its height.
 Not tuned."""
+COLOURS = 3
+"""Channels of an image that is not grey."""
+WEIGHT, OUTWARDS, ALONG_U, ALONG_V = 0, 1, 2, 3
+"""Columns of what is known of a channel: weight of its light; by how much its image is displaced, px: outwards from the
+middle, half of the diagonal away from there, and along u and v everywhere."""
+ALIGNED = np.array([[1.0, 0.0, 0.0, 0.0]] * COLOURS)
+"""Channels of the same weight that lie upon each other."""
 
 
 class Optics(NamedTuple):
-    """How light becomes codes: light (1 + r, 256) of each code, then its derivatives for r numbers of the response, and
-    the standard deviation blur_px of the blur.
+    """How light becomes codes: light (1 + r, 256) of each code, then its derivatives for r numbers of the response, the
+    standard deviation blur_px of the blur, and colours (3, 4), what is known of the channels.
     """
 
     light: Array
     blur_px: float
+    colours: Array
 
 
-OPTICS = named_tuple(Optics, "f2! f0")
+OPTICS = named_tuple(Optics, "f2! f0 f2!")
 
 
 @inlined(allocates=False)
@@ -43,12 +62,14 @@ def least_blown(row: Array, channels: int) -> float:
 
 
 @inlined(allocates=False)
-def learned_light(row: Array, channels: int, light: Array, colour: Array) -> float:
-    """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`.
+def learned_light(row: Array, channels: int, optics: Optics, colour: Array) -> float:
+    """Learned intensity step of an edge, 0 if nothing is learned, along a direction in colour space: `colour`.
 
-    Channels of which a side is blown out are left out if the others tell enough.
+    The direction is that of the step, each channel by its weight. Channels of which a side is blown out are left out if
+    the others tell enough.
     """
     colour[:] = 0.0
+    light = optics.light
     if not row[TIMES_SEEN] > 0.0:
         return 0.0
     square, seen, least = 0.0, 0.0, least_blown(row, channels)
@@ -58,15 +79,42 @@ def learned_light(row: Array, channels: int, light: Array, colour: Array) -> flo
         square += colour[c] * colour[c]
         seen += colour[c] * colour[c] if max(high, low) < least else 0.0
     if LEAST_PART * square <= seen < square:
-        square = seen
         for c in range(channels):
             if max(row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]) >= least:
                 colour[c] = 0.0
-    step = math.sqrt(square)
-    if step > 0.0:
-        for c in range(channels):
-            colour[c] /= step
-    return step
+    step, weighted = 0.0, 0.0
+    for c in range(channels):
+        along = colour[c] * optics.colours[c, WEIGHT]
+        step, weighted = step + along * colour[c], weighted + along * along
+        colour[c] = along
+    if not weighted > 0.0:
+        return 0.0
+    for c in range(channels):
+        colour[c] /= math.sqrt(weighted)
+    return step / math.sqrt(weighted)
+
+
+@inlined(allocates=False)
+def outwards(image: Image, line: Array) -> float:
+    """Displacement of a step on a search line (4,), px, of an image that is enlarged by 1 px half of its diagonal away
+    from its middle.
+    """
+    h, w = image.shape[0], image.shape[1]
+    away = (line[U] - 0.5 * (w - 1)) * line[NORMAL_U] + (line[V] - 0.5 * (h - 1)) * line[NORMAL_V]
+    return float(2.0 * away / math.hypot(w, h))
+
+
+@inlined(allocates=False)
+def displaced_px(row: Array, image: Image, line: Array, optics: Optics, colour: Array) -> float:
+    """Displacement of an edge's step on its search line (4,), px, along the direction `colour` of `learned_light`."""
+    total, moved, of, light = 0.0, 0.0, outwards(image, line), optics.light
+    for c in range(image.shape[2] if image.shape[2] == COLOURS else 0):
+        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
+        share = colour[c] * (light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))])
+        of_channel = of * optics.colours[c, OUTWARDS] + line[NORMAL_U] * optics.colours[c, ALONG_U]
+        moved += share * (of_channel + line[NORMAL_V] * optics.colours[c, ALONG_V])
+        total += share
+    return moved / total if total > 0.0 else 0.0
 
 
 @inlined(allocates=False)

@@ -85,7 +85,7 @@ def excess_sharpening(
     blur_px = math.sqrt(max(square + max(first.blur_px2, -square / 2), PIXEL_PX**2))
     if blur_px > MOST_BLUR_PX:
         return Excess(first.blur_px2, -sharpened.undone / (1.0 + sharpened.undone))
-    again = Sharpened(Optics(optics.light, blur_px), sharpened.undone)
+    again = Sharpened(Optics(optics.light, blur_px, optics.colours), sharpened.undone)
     second = excess_of_points(image, at, rows, appearance, distance, again)
     return Excess(second.blur_px2 + blur_px**2 - square, second.sharpening)
 
@@ -99,11 +99,14 @@ def excess_of_points(
     blur_px2, amount, known = np.empty(len(rows)), np.empty(len(rows)), 0
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     moved = np.array([0.0, -optics.blur_px, optics.blur_px, -REACH_PX, REACH_PX])
-    strip, measures = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], optics.blur_px)), measured_points(distance)
+    strip, measures = (
+        Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], optics.blur_px, optics.colours)),
+        measured_points(distance),
+    )
     for p in range(len(rows)):
         if not measures[p]:
             continue
-        height = learned_light(appearance[rows[p]], image.shape[2], optics.light, colour)
+        height = learned_light(appearance[rows[p]], image.shape[2], optics, colour)
         if not height > optics.light[0, 1]:  # more than one code
             continue
         for k in range(COMPONENTS):
