@@ -52,19 +52,17 @@ def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | N
     attributes: these count where the package itself is imported, not where a module of it is.
     """
     find = find or source_file
-    found = set(scripts)
-    others: set[str] = set()
+    found, others = set(scripts), set[str]()
     seen = {(name, True) for name in (*modules, *(name for path in found for name in imports(path, "__main__")))}
     waiting = list(seen)
     while waiting:
         name, asked = waiting.pop()
-        path = find(name)
-        needs = {(parent, False) for parent in parents(name)}
-        if path is None:
+        needs = _each(parents(name), False)
+        if (path := find(name)) is None:
             others.add(name.partition(".")[0])
         else:
             found.add(path)
-            needs |= {(imported, True) for imported in imports(path, name, on_demand=asked)}
+            needs |= _each(imports(path, name, on_demand=asked), True)
         waiting += needs - seen
         seen |= needs
     return MadeOf(frozenset(found), frozenset(others - sys.stdlib_module_names))
@@ -234,11 +232,16 @@ def _tree(content: bytes) -> ast.Module:
         return ast.Module([], [])
 
 
-def parents(name: str) -> Iterator[str]:
+@lru_cache(maxsize=100_000)
+def parents(name: str) -> tuple[str, ...]:
     """Parent packages of a module, which are imported before it."""
-    while "." in name:
-        name = name.rpartition(".")[0]
-        yield name
+    above, dot, _ = name.rpartition(".")
+    return (above, *parents(above)) if dot else ()
+
+
+@lru_cache(maxsize=20_000)
+def _each(names: tuple[str, ...], asked: bool) -> frozenset[tuple[str, bool]]:
+    return frozenset((name, asked) for name in names)
 
 
 @cache

@@ -32,7 +32,7 @@ from uavbench.trajectories.files.temporary_names import temporary
 from uavbench.trajectories.kernels.kept_imports import FILE as IMPORTS
 from uavbench.trajectories.kernels.kept_imports import remembered
 from uavbench.trajectories.kernels.machine_code import CachedKernel
-from uavbench.trajectories.source_files import content_of, digest, editable, made_of, stamp
+from uavbench.trajectories.source_files import Find, content_of, digest, editable, made_of, source_file, stamp
 
 MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""
@@ -49,6 +49,8 @@ _imported: dict[Path, tuple[int, ...]] = {}
 """Source files of imported modules, with their stamps at import."""
 _noted: set[str | None] = set()
 """Files of the modules that have been noted there or skipped."""
+_finds: list[Find] = []
+"""What finds the files of modules, of each context in which they are looked for once."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def folder_of_module(module: str) -> Path | None:
     """Folder of a module's kernels; None where no folder is writable, or the module has no source file."""
     try:
         files = sources_of([module])
-        edited = any(stamp(path) != _imported.get(path, stamp(path)) for path in files)
+        edited = any((now := stamp(path)) != _imported.get(path, now) for path in files)
         return None if edited else folder_of(key_of(module, files))
     except OSError:
         return None
@@ -172,7 +174,17 @@ def folder_of_module(module: str) -> Path | None:
 def sources_of(modules: Iterable[str]) -> frozenset[Path]:
     """Source files of modules and of all that they import, as in `made_of`, using cached imports."""
     with remembered(folder_of):
-        return made_of(modules).files
+        return made_of(modules, find=_finds[-1] if _finds else None).files
+
+
+@contextlib.contextmanager
+def found_once() -> Iterator[None]:
+    """Context in which the file of each module is looked for once: the modules with kernels import much the same."""
+    _finds.append(cache(source_file))
+    try:
+        yield
+    finally:
+        _finds.pop()
 
 
 def key_of(module: str, files: frozenset[Path]) -> str:

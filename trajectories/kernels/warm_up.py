@@ -21,7 +21,7 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from tqdm import tqdm
 
-from uavbench.trajectories.kernels.cache import homes, sources_of
+from uavbench.trajectories.kernels.cache import found_once, homes, sources_of
 from uavbench.trajectories.kernels.compiled import KERNELS, Kernel
 
 NUMBER = np.dtype(np.uint16)
@@ -39,7 +39,8 @@ def prepare(*modules: str) -> None:
     Another process helps where there is a second core. A process that finds another one compiling waits for it. What
     was imported is then old to the garbage collector, which would scan all of it, some 0.1 s, in the first frame.
     """
-    missing = [kernel for kernel in kernels_of(modules) if not kernel.load()]
+    with found_once():
+        missing = [kernel for kernel in kernels_of(modules) if not kernel.load()]
     if missing:
         _compile(missing)
     if gc.isenabled():
