@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import erf
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.radiance import encode
@@ -23,7 +24,7 @@ def edge(distance, angle_deg, noise=0.0, rng=None, bright=BRIGHT):
     at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
     across = (at[None, :] - SIZE // 2) * nu + (at[:, None] - SIZE // 2) * nv - distance
     lens = math.sqrt(BLUR_PX**2 - 1 / 12)  # the rest of the blur is that of the pixels' area
-    share = 0.5 * (1 + np.vectorize(math.erf)(across / (math.sqrt(2) * lens)))
+    share = 0.5 * (1 + erf(across / (math.sqrt(2) * lens)))
     share = share.reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
     codes = encode(np.minimum(1, DARK * (1 - share) + bright * share)).astype(float)
     codes += rng.normal(0, noise, codes.shape) if rng is not None else 0.0
@@ -36,7 +37,7 @@ def strip(gap, distance, angle_deg, middle=0.3):
     at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
     across = (at[None, :] - SIZE // 2) * nu + (at[:, None] - SIZE // 2) * nv - distance
     lens = math.sqrt(BLUR_PX**2 - 1 / 12)
-    steps = [0.5 * (1 + np.vectorize(math.erf)((across - at) / (math.sqrt(2) * lens))) for at in (0.0, gap)]
+    steps = [0.5 * (1 + erf((across - at) / (math.sqrt(2) * lens))) for at in (0.0, gap)]
     share = (middle * steps[0] + (1 - middle) * steps[1]).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
     codes = encode(DARK * (1 - share) + BRIGHT * share)
     half = SIZE // 2
