@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.conftest import in_one_process
 from tests.bench.small_suites import FLOWN, LOOP
 from tests.reports.test_flight_score import flown as scored
 from tests.reports.test_flight_score import path as along
@@ -215,7 +216,7 @@ camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 
 def test_each_loop_is_flown_with_what_all_share_and_what_cannot_be_flown_is_told_beside(tmp_path):
     text = FLOWN.replace(LOOP, VARIANTS).replace('hold = { kind = "hold" }\n', "") + INTO
-    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out", "--jobs", 1)
+    run = in_one_process("fly", suite(tmp_path, text), "--out", tmp_path / "out")
     assert run.exit_code == 2, run.output
     assert "FAILED fly into-s0 truth@15hz+filter" in run.output
     assert "FAILED fly into-s0 truth@15hz+camera" in run.output

@@ -27,6 +27,11 @@ from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder
 
 
+@pytest.fixture(autouse=True)
+def jobs_in_this_process(monkeypatch):
+    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
+
+
 @pytest.fixture
 def sides(tmp_path):
     rng = np.random.default_rng(0)
@@ -315,8 +320,7 @@ def test_scores_that_are_made_anew_leave_no_verdict_on_or_by_them_elsewhere(tmp_
     assert not (tmp_path / anew / "verdicts.json").exists()
 
 
-def test_scores_that_are_made_anew_in_a_copy_leave_the_verdicts_on_the_folder_itself(tmp_path, monkeypatch):
-    monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
+def test_scores_that_are_made_anew_in_a_copy_leave_the_verdicts_on_the_folder_itself(tmp_path):
     suite, base, copy, ci = small_suite(tmp_path), tmp_path / "base", tmp_path / "copy", tmp_path / "ci"
 
     def call(*words):

@@ -5,10 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from tests.bench.conftest import in_one_process
 from tests.bench.small_suites import OWN_IMAGES, own_images
-from uavbench.bench.cli.main import main
 from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins, stamps_in_names
 from uavbench.tracker.images.track_images import in_order
 from uavbench.trajectories.errors import UserError
@@ -150,18 +149,18 @@ def test_a_missing_image_is_told_by_both_commands(tmp_path):
             "--init",
             "init.toml",
         ],
-        "render": ["suite.toml", "--jobs", "1"],
+        "render": ["suite.toml"],
     }
     for command, given in words.items():
         given = [str(tmp_path / word) if (tmp_path / word).exists() else word for word in given]
-        done = CliRunner().invoke(main, [command, *given, "--out", str(tmp_path / command)])
+        done = in_one_process(command, *given, "--out", tmp_path / command)
         assert done.exit_code == 0, done.output
         assert f"after {frames[0].name} comes {frames[2].name}" in done.output
         assert "doubt: " in done.output
     frames[0].with_suffix(".jpg").write_bytes(frames[0].read_bytes())
     for command, given in words.items():
         given = [str(tmp_path / word) if (tmp_path / word).exists() else word for word in given]
-        done = CliRunner().invoke(main, [command, *given, "--out", str(tmp_path / f"{command}2")])
+        done = in_one_process(command, *given, "--out", tmp_path / f"{command}2")
         assert done.exit_code == 2 and "would count as two images" in done.output, done.output
 
 
@@ -175,7 +174,7 @@ def test_a_recorded_suite_tells_of_times_beside_its_images_and_of_black_ones(tmp
         lines = [f"{k / rate_hz:.6f} frames/{path.name}" for k, path in enumerate(frames)]
         (tmp_path / "rgb.txt").write_text("\n".join(lines))
         out = tmp_path / str(rate_hz)
-        done = CliRunner().invoke(main, ["render", str(tmp_path / "suite.toml"), "--jobs", "1", "--out", str(out)])
+        done = in_one_process("render", tmp_path / "suite.toml", "--out", out)
         assert done.exit_code == 0, done.output
         assert done.output.count("rgb.txt: seems to hold the times of the images, which are not read") == told
         assert f"frames: 1 of {len(frames)} images have no grey level above 8 of 255" in done.output
