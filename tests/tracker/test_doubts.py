@@ -128,6 +128,19 @@ def test_a_pose_stays_doubted_while_fits_around_it_end_elsewhere_and_are_about_a
     assert there.doubts.surrounded == settled
 
 
+@pytest.mark.parametrize(("turn_rad", "begins_again"), [(0.0, False), (0.01, False), (0.03, True)])
+def test_a_better_fit_at_the_same_pose_is_no_reason_to_begin_again(monkeypatch, turn_rad, begins_again):
+    """Support varies by more than a lead among fits of one pose: of these the best would be begun at in each frame."""
+    there = Doubted()
+    held = replace(there.held(there.true), chance=Chance(-20.0, -20.0))
+    base = replace(held, support=0.5 * held.support)
+    better = replace(held, cam_from_world=off(there.true, 0.0, turn_rad))
+    monkeypatch.setattr(there.doubts, "anew", lambda *_: base)
+    monkeypatch.setattr(there.doubts.innocent, "searched", lambda *_: better)
+    assert (there.after(base, 8) is better) == begins_again
+    assert there.doubts.surrounded != begins_again
+
+
 def test_frames_without_room_are_counted_anew_where_the_poses_around_are(monkeypatch):
     """Few frames without room among many fits that end elsewhere are no reason to believe one of them."""
     there = Doubted()

@@ -23,8 +23,7 @@ class Spread:
 
     def add(self, there: Fit, found: Fit, range_m: float) -> None:
         """Add a fit that began around the pose of another one, or that one itself."""
-        away = (found.cam_from_world @ there.cam_from_world.inverse()).log()
-        self.away.append(np.r_[away[:3] / range_m, away[3:]])
+        self.away.append(away(there, found, range_m))
         self.weights.append(10.0 ** min(0.0, there.chance.whole - found.chance.whole))
 
     @property
@@ -35,3 +34,9 @@ class Spread:
         away, weights = np.array(self.away), np.array(self.weights)
         deviation = away - np.average(away, axis=0, weights=weights)
         return float(np.sqrt(np.average((deviation**2).sum(axis=1), weights=weights)))
+
+
+def away(there: Fit, found: Fit, range_m: float) -> Array:
+    """Twist (6,) from the pose of one fit to that of another, its translation relative to the range."""
+    twist = (found.cam_from_world @ there.cam_from_world.inverse()).log()
+    return np.asarray(np.r_[twist[:3] / range_m, twist[3:]])

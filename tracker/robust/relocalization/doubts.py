@@ -4,10 +4,12 @@ A track confirms itself, since the appearance of the edges is learned where they
 compared, and judged, by a fitter that has learned nothing.
 """
 
+import numpy as np
+
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
-from uavbench.tracker.robust.fit.spread import Spread
+from uavbench.tracker.robust.fit.spread import Spread, away
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import NONE, motion
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, believed_support
@@ -99,7 +101,10 @@ class Doubts:
         return best
 
     def best_around(self, image: Image, base: Fit, range_m: float) -> Fit:
-        """The best of a fit and those around it and around the best other pose, which are added to the spread."""
+        """The best of a fit and the other poses to which those around it and around the best one elsewhere lead.
+
+        All of them are added to the spread.
+        """
         best = base
         wide = isotropic_covariance(self.config.relocalization.found_sigma, range_m)
         if not self.spread.away:
@@ -110,7 +115,8 @@ class Doubts:
             if found.finite:
                 self.spread.add(base, found, range_m)
                 self.see_elsewhere(base, found)
-                best = max(best, found, key=lambda each: each.support)
+                if self.is_other(base, found, range_m):
+                    best = max(best, found, key=lambda each: each.support)
         return best
 
     def next_pose(self, base: Fit) -> Pose:
@@ -127,6 +133,10 @@ class Doubts:
         support = believed_support(found)
         if support > self.support_elsewhere and not self.is_within_reach(base, found):
             self.elsewhere, self.support_elsewhere = from_other(base, found), support
+
+    def is_other(self, fit: Fit, found: Fit, range_m: float) -> bool:
+        """Whether a fit ends farther from another one than an accepted pose may be off."""
+        return float(np.linalg.norm(away(fit, found, range_m))) > self.config.loss.accuracy
 
     def leads(self, base: Fit) -> bool:
         """Whether a fit has clearly more support than the best one elsewhere."""
