@@ -92,7 +92,9 @@ class RollingShutter:
             slower = replace(self, readout_ms=(height - 1 + 2 * px) * delay_ns * 1e-6)
             return slower.start(source.wider(px), rng)
 
-        image = lambda stamp_ns: expose(stamp_ns, stamp_ns)  # noqa: E731
+        def image(stamp_ns: int) -> Radiance:
+            return expose(stamp_ns, stamp_ns)
+
         return replace(source, expose=expose, image=image, row_delay_ns=delay_ns, wider=wider)
 
 

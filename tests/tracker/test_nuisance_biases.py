@@ -61,7 +61,7 @@ def prior_of(kinds, variance_px2, part):
 @pytest.mark.parametrize("kinds", [APART, ALIKE])
 def test_the_arrow_is_solved_as_the_whole_system_is(kinds):
     config, rng = BiasConfig(forgotten_part=0.0), np.random.default_rng(2)
-    common, spread = NuisanceBiases(kinds, config), np.full(EDGES, 0.2**2)
+    common, spread = NuisanceBiases(kinds, config, 0, 0), np.full(EDGES, 0.2**2)
     prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
     offsets, nothing = rng.normal(size=EDGES) * 0.2, np.zeros(6)
     X = [adjoint(p.rotation, p.translation) for p in (first, second)]
@@ -116,7 +116,7 @@ def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
 def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px):
     config = BiasConfig(forgotten_part=0.02)
     rng = np.random.default_rng(3)
-    common, spread = NuisanceBiases(APART, config), np.full(EDGES, 0.3**2)
+    common, spread = NuisanceBiases(APART, config, 0, 0), np.full(EDGES, 0.3**2)
     offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)
     left = rng.normal(size=6) * 1e-3  # of the places of the patches, as a twist in the world
     for k in range(100):

@@ -142,7 +142,7 @@ def test_more_code_is_more_light_by_any_response(numbers):
 def test_earlier_frames_tell_the_patches_error_by_the_response_and_nothing_of_the_response_itself(kinds):
     rng, r = np.random.default_rng(6), NUMBERS
     pose, later = a_pose(rng), a_pose(rng)
-    biases, spread = NuisanceBiases(kinds, BiasConfig(), r), np.full(EDGES, 0.2**2)
+    biases, spread = NuisanceBiases(kinds, BiasConfig(), r, 1), np.full(EDGES, 0.2**2)
     edges, weight = np.arange(EDGES), np.full(EDGES, 50.0)
     J, residual = rng.normal(size=(EDGES, 6 + r)) * np.repeat([300, 0.3], [6, r]), rng.normal(size=EDGES) * 0.2
     sums = FrameSums(weight, weight[:, None] * J, weight * residual, (J.T * weight) @ J, J.T @ (weight * residual),

@@ -75,7 +75,7 @@ class Drawn:
         patch_variance, prior = rng.uniform(0.01, 0.1, PATCHES), np.diag(rng.uniform(1e2, 1e3, 6))
         by_numbers, mean, root = (rng.normal(0, 0.2, size) for size in ((n, numbers), numbers, (numbers, numbers)))
         self.known = KnownNumbers(mean, root @ root.T)
-        biases = NuisanceBiases(kinds, BiasConfig(), numbers)
+        biases = NuisanceBiases(kinds, BiasConfig(), numbers, 0)
         offsets = biases.offsets(np.arange(EDGES), np.full(EDGES, 0.2**2), shared)
         if learned:
             learn(biases, offsets, rng)
@@ -207,7 +207,7 @@ def weights_of_patches(points, moved_px, sigma_px):
         np.full(points, 0.01),
         np.zeros((points, 0)),
     )
-    biases = NuisanceBiases(EdgeKinds(np.full(3, -1), np.ones(3), 0), BiasConfig())
+    biases = NuisanceBiases(EdgeKinds(np.full(3, -1), np.ones(3), 0), BiasConfig(), 0, 0)
     rows = np.arange(len(first) - 1)
     offsets = biases.offsets(rows, np.full(len(rows), 0.04**2), 0.5)
     view = View(

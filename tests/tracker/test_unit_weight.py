@@ -21,7 +21,7 @@ class Edges:
     def __init__(self, rng):
         kinds = rng.integers(-1, KINDS, EDGES)
         signs = rng.choice([-1.0, 1.0], EDGES)
-        biases = NuisanceBiases(EdgeKinds(kinds, signs, KINDS), BiasConfig(), 0)
+        biases = NuisanceBiases(EdgeKinds(kinds, signs, KINDS), BiasConfig(), 0, 0)
         self.state = biases.state
         self.offsets = biases.offsets(np.arange(EDGES), rng.uniform(0.01, 0.09, EDGES), SHARED)
         self.jacobian, self.weight = rng.normal(0, 300, (EDGES, 6)), rng.uniform(20, 200, EDGES)

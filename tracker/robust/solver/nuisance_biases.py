@@ -89,7 +89,7 @@ def take_up(
 class NuisanceBiases:
     """State of the filter: information on the patches' pose error and on the offsets of all edges."""
 
-    def __init__(self, kinds: EdgeKinds, config: BiasConfig, numbers: int = 0, sides: int = 1) -> None:
+    def __init__(self, kinds: EdgeKinds, config: BiasConfig, numbers: int, sides: int) -> None:
         self.config, self.nothing = config, BiasState.unknown(kinds, numbers + sides)
         self.state = BiasState.unknown(kinds, numbers)
         self.known, self.known_of_nothing = known_of(self.state).known, known_of(self.nothing).known
