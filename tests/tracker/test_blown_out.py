@@ -9,9 +9,9 @@ import pytest
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, TIMES_SEEN
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BLOWN, TIMES_SEEN
 from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, Optics, blown_side, learned_light
-from uavbench.tracker.robust.fit.shared_numbers import BLOWN, SIGMA, SharedNumbers
+from uavbench.tracker.robust.fit.shared_numbers import SIGMA, SharedNumbers
 from uavbench.tracker.robust.optics.response import CODES, srgb_light
 from uavbench.tracker.robust.solver.number_kernels import NumbersSeen
 from uavbench.tracker.robust.tracker import Robust

@@ -15,5 +15,8 @@ NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN, MEAN_SQUARE = 0, 3, 6, 7
 number of observations; mean square of its residuals, px^2.
 """
 APPEARANCE_COLUMNS = 8
+BLOWN, ROUNDED = -2, -1
+"""Last of the numbers that all edges share: shift in px of edges beside what is blown out, towards their dark sides;
+radius of rounded borders."""
 BESIDE = 3
 """Distances in px at which the colours beside an edge are sampled."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config.solver import BiasConfig
+from uavbench.tracker.robust.edges.columns import BLOWN, ROUNDED
 from uavbench.tracker.robust.edges.rounding_kernels import Rounding
 from uavbench.tracker.robust.optics.mixture_kernels import Slabs, mixture
 from uavbench.tracker.robust.optics.response import DIFFERENCE, IS_ANOTHER, Response
@@ -21,8 +22,6 @@ SIGMA = 0.5
 RADIUS_UNIT = 0.01
 """Unit of the radius, as a part of the smallest extent of the structure: by SIGMA, one radius in 20 is more than that.
 A carton of 0.3 m has a deviation of 1.5 mm, a hut of 3 m one of 15 mm."""
-BLOWN = -2
-"""Place among the numbers of the shift towards their dark sides, px, of edges beside what is blown out."""
 IS_ROUNDED = 0.02
 """Prior probability that a structure has round borders where its model has none. With 0.003 to 0.05 those of 15 and
 30 mm of two structures are learned alike; with even odds errors of sharp boxes are up to 17 % larger."""
@@ -73,7 +72,7 @@ class SharedNumbers:
     @property
     def rounding(self) -> Rounding:
         """The radius by which edges are located."""
-        return Rounding(float(self.at[-1]) * self.unit_m, self.unit_m, self.count)
+        return Rounding(float(self.at[ROUNDED]) * self.unit_m, self.unit_m, self.count)
 
     @property
     def known(self) -> KnownNumbers:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.edges.columns import BINS
+from uavbench.tracker.robust.edges.columns import BINS, BLOWN, ROUNDED
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.measurements import (
     CONTROL_POINTS,
@@ -148,9 +148,9 @@ def edges_in_view(
     move(points, motion, rounding.radius_m)
     lines = search_lines(points, edges.ends, edges.inward, view)
     by_numbers = np.zeros((len(motion), rounding.numbers))
-    by_numbers[:, rounding.numbers - 1] = derivatives(lines, motion, rounding.unit_m, view)
+    by_numbers[:, ROUNDED] = derivatives(lines, motion, rounding.unit_m, view)
     for p in range(len(motion)):
-        by_numbers[p, rounding.numbers - 2] = -blown_side(appearance[points.rows[p]], shared.channels, shared.light)
+        by_numbers[p, BLOWN] = -blown_side(appearance[points.rows[p]], shared.channels, shared.light)
     separate_px, weak_step = values.widths.separate_px, values.appearance.weak_step_grey
     weights = weights_in_view(lines, points, appearance, separate_px, weak_step, values.weights)
     rows = np.empty(len(points.first) - 1, np.int64)

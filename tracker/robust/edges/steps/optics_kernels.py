@@ -53,11 +53,24 @@ OPTICS = named_tuple(Optics, "f2! f0 f2!")
 
 
 @inlined(allocates=False)
+def highest_code(row: Array, channel: int) -> float:
+    """Code of the brighter side of an edge in a channel."""
+    return float(max(row[POSITIVE_COLOUR + channel], row[NEGATIVE_COLOUR + channel]))
+
+
+@inlined(allocates=False)
+def light_step(row: Array, channel: int, light: Array) -> float:
+    """Step of light from the negative to the positive side of an edge in a channel."""
+    high, low = row[POSITIVE_COLOUR + channel], row[NEGATIVE_COLOUR + channel]
+    return float(light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))])
+
+
+@inlined(allocates=False)
 def least_blown(row: Array, channels: int) -> float:
     """Least code of a channel of an edge's sides that is blown out."""
     highest = 0.0
     for c in range(channels):
-        highest = max(highest, row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c])
+        highest = max(highest, highest_code(row, c))
     return float(NEARLY_BLOWN_OUT if highest >= BLOWN_OUT else BLOWN_OUT)
 
 
@@ -69,18 +82,16 @@ def learned_light(row: Array, channels: int, optics: Optics, colour: Array) -> f
     the others tell enough.
     """
     colour[:] = 0.0
-    light = optics.light
     if not row[TIMES_SEEN] > 0.0:
         return 0.0
     square, seen, least = 0.0, 0.0, least_blown(row, channels)
     for c in range(channels):
-        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
-        colour[c] = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
+        colour[c] = light_step(row, c, optics.light)
         square += colour[c] * colour[c]
-        seen += colour[c] * colour[c] if max(high, low) < least else 0.0
+        seen += colour[c] * colour[c] if highest_code(row, c) < least else 0.0
     if LEAST_PART * square <= seen < square:
         for c in range(channels):
-            if max(row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]) >= least:
+            if highest_code(row, c) >= least:
                 colour[c] = 0.0
     step, weighted = 0.0, 0.0
     for c in range(channels):
@@ -107,10 +118,9 @@ def outwards(image: Image, line: Array) -> float:
 @inlined(allocates=False)
 def displaced_px(row: Array, image: Image, line: Array, optics: Optics, colour: Array) -> float:
     """Displacement of an edge's step on its search line (4,), px, along the direction `colour` of `learned_light`."""
-    total, moved, of, light = 0.0, 0.0, outwards(image, line), optics.light
+    total, moved, of = 0.0, 0.0, outwards(image, line)
     for c in range(image.shape[2] if image.shape[2] == COLOURS else 0):
-        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
-        share = colour[c] * (light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))])
+        share = colour[c] * light_step(row, c, optics.light)
         of_channel = of * optics.colours[c, OUTWARDS] + line[NORMAL_U] * optics.colours[c, ALONG_U]
         moved += share * (of_channel + line[NORMAL_V] * optics.colours[c, ALONG_V])
         total += share
@@ -127,8 +137,7 @@ def blown_side(row: Array, channels: int, light: Array) -> float:
         return 0.0
     square, seen, brighter, least = 0.0, 0.0, 0.0, least_blown(row, channels)
     for c in range(channels):
-        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
-        step = light[0, min(255, int(high + 0.5))] - light[0, min(255, int(low + 0.5))]
+        step = light_step(row, c, light)
         square, brighter = square + step * step, brighter + step
-        seen += step * step if max(high, low) < least else 0.0
+        seen += step * step if highest_code(row, c) < least else 0.0
     return 0.0 if seen >= LEAST_PART * square else math.copysign(1.0, brighter)
