@@ -10,7 +10,14 @@ from uavbench.tracker.robust.edges.columns import BINS, NORMAL_U, NORMAL_V
 from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.edges.steps.blur_kernels import LEAST_MEASURED
 from uavbench.tracker.robust.edges.steps.colour_kernels import colours_apart
-from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, OUTWARDS, WEIGHT, Optics, displaced_px
+from uavbench.tracker.robust.edges.steps.optics_kernels import (
+    ALIGNED,
+    OUTWARDS,
+    WEIGHT,
+    Optics,
+    displaced_px,
+    learned_light,
+)
 from uavbench.tracker.robust.optics.colours import Colours
 from uavbench.tracker.robust.tracker import Robust
 
@@ -71,11 +78,25 @@ def test_lateral_colour_is_learned(seed):
     known = learned_from(LENS, seed=seed).known
     assert known[:, OUTWARDS] == pytest.approx(LENS[:, 0], abs=0.04)
     assert (known[:, 2:] == 0).all()
+    assert (known[:, WEIGHT] == 1).all()
 
 
 def test_colours_that_are_displaced_everywhere_are_learned_too():
     shifted = np.array([[0.3, -0.1, 0.25], [0, 0, 0], [-0.2, 0.2, 0.1]])
-    assert learned_from(shifted).known[:, 1:] == pytest.approx(shifted, abs=0.05)
+    known = learned_from(shifted).known
+    assert known[:, 1:] == pytest.approx(shifted, abs=0.05)
+    assert (known[:, WEIGHT] == 1).all()
+
+
+def test_no_channel_is_blamed_for_what_was_not_yet_known():
+    """Blue and red that lie upon each other would seem to tell of edges, and green beside them not to."""
+    both = np.array([[0, 0.5, 0], [0, 0, 0], [0, 0.4, 0]])
+    rng, state = np.random.default_rng(1), Colours()
+    for _ in range(10):
+        image, lines, rows = with_edges(rng, both)
+        state.learn(seen_in(image, lines, rows, state.known), 0.5, 0.1)
+        assert (state.known[:, 1:] == 0).all() or (state.known[:, WEIGHT] == 1).all()
+    assert state.known[:, 1:] == pytest.approx(both, abs=0.05)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -113,6 +134,24 @@ def test_the_worst_channel_weighs_least_whichever_it_is(worst):
     assert state.known[worst, WEIGHT] < 0.1 * np.delete(state.known[:, WEIGHT], worst).min()
 
 
+@pytest.mark.parametrize("blown", [(2,), (0, 1), (0, 1, 2)])
+def test_channels_that_are_blown_out_are_not_taken_for_displaced_ones(blown):
+    """Beside blown-out light a channel's step is displaced towards the dark side, here towards the middle."""
+    state, half = Colours(), SIZE // 2
+    for k in range(10):
+        image, lines, rows = with_edges(np.random.default_rng(k))
+        towards = (lines.lines[:, :2] - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) * lines.lines[:, 2:]
+        for first in np.flatnonzero(np.diff(rows, prepend=-1)):
+            u, v = np.rint(lines.lines[first : first + 7, :2].mean(axis=0)).astype(int)
+            part = image[v - half : v + half + 1, u - half : u + half + 1]
+            for c in blown:
+                part[..., c] = np.minimum(255, part[..., c] * 2.2)
+        outer = towards.sum(axis=1) > 0
+        lines, rows = SearchLines(*(each[outer] for each in lines)), rows[outer]
+        state.learn(seen_in(image, lines, rows, state.known), 0.5, 0.1)
+    assert (state.known == ALIGNED).all()
+
+
 def test_nothing_is_learned_where_no_colours_are_seen():
     image, lines, rows = with_edges(np.random.default_rng(0), LENS)
     grey = np.ascontiguousarray(np.repeat(image[..., 1:2], 3, axis=2))
@@ -137,12 +176,11 @@ def test_an_edge_is_displaced_as_its_channels_are(weights):
     row = np.array([20.0, 60, 40, 200, 90, 160, 5, 0])
     light = SRGB[row[3:6].astype(int)] - SRGB[row[:3].astype(int)]
     shares = np.array(weights) * light**2 / (np.array(weights) @ light**2)
-    direction = np.array(weights) * light
-    direction /= np.linalg.norm(direction)
+    direction, optics = np.empty(3), Optics(SRGB[None], 0.5, colours)
+    assert learned_light.py_func(row, 3, optics, direction) == pytest.approx(light @ direction)
+    assert direction == pytest.approx(np.array(weights) * light / np.linalg.norm(np.array(weights) * light))
     expected = shares @ displacement(colours[:, 1:], *line[:2], line[[NORMAL_U, NORMAL_V]])
-    assert displaced_px.py_func(row, image, line, Optics(SRGB[None], 0.5, colours), direction) == pytest.approx(
-        expected
-    )
+    assert displaced_px.py_func(row, image, line, optics, direction) == pytest.approx(expected)
 
 
 def lateral(image, red, blue):

@@ -10,7 +10,7 @@ from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import APPEARANCE, Image, learn, learn_squares
 from uavbench.tracker.robust.edges.steps.blur_kernels import excess_blur
 from uavbench.tracker.robust.edges.steps.colour_kernels import SeenColours, colours_apart, nothing_seen
-from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
+from uavbench.tracker.robust.edges.steps.optics_kernels import COLOURS, OPTICS, Optics, displaced_px, learned_light
 from uavbench.tracker.robust.edges.steps.sharpening_kernels import UNKNOWN, Excess, Sharpened, excess_sharpening
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
@@ -87,7 +87,7 @@ def learn_appearance(
 ) -> SeenOptics:
     """Update `appearance` in place from a fit with this covariance (6, 6); what the image shows of its optics."""
     n, rows = len(seen.rows), seen.rows
-    distance, found, alone = np.full(n, np.inf), np.zeros(n), np.full(n, np.inf)
+    distance, found, alone, colour = np.full(n, np.inf), np.zeros(n), np.full(n, np.inf), np.empty(COLOURS)
     for p in range(n):
         by_numbers = 0.0
         for k in range(len(seen.numbers)):
@@ -97,7 +97,9 @@ def learn_appearance(
         if away < limits.near_px:
             distance[p] = residual
             if seen.steps[p] == 1 and seen.weight[p] > 0.0:
-                alone[p] = residual
+                row, line = appearance[rows[p]], at.lines[p]
+                learned_light(row, images.sharp.shape[2], limits.optics, colour)
+                alone[p] = residual + displaced_px(row, images.sharp, line, limits.optics, colour)
         if away < limits.beside_px:
             found[p] = seen.weight[p]
     learn_squares(at, rows, distance, covariance, appearance, config)

@@ -17,7 +17,13 @@ from uavbench.tracker.robust.edges.steps.crowd_kernels import (
     edges_near,
     extents_of_edges,
 )
-from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, displaced_px, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import (
+    OPTICS,
+    Optics,
+    displaced_px,
+    learned_light,
+    without_derivatives,
+)
 from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
 from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, REACH_PX, Strip, Sums, room_for
 from uavbench.tracker.robust.edges.weight_kernels import WEIGHTS
@@ -143,7 +149,7 @@ def refine_subpixel(
         np.zeros((n, ACROSS)),
     )
     seen = Seen(at, points, fitted, extents_of_edges(at, first))
-    looks = Looks(image, appearance, optics, Optics(optics.light[:1], optics.blur_px, optics.colours))
+    looks = Looks(image, appearance, optics, without_derivatives(optics))
     room = Room(
         Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64)),
         room_for(MOST_STEPS, 0, COARSE_LINES),

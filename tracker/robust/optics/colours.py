@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from uavbench.tracker.robust.edges.steps.colour_kernels import BLUE, GREEN, RED, SeenColours
-from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED
+from uavbench.tracker.robust.edges.steps.colour_kernels import BLUE, GREEN, RED, TINY_PX2, SeenColours
+from uavbench.tracker.robust.edges.steps.optics_kernels import ALIGNED, OUTWARDS
 from uavbench.tracker.robust.optics.mixture_kernels import Slabs, mixture
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array
@@ -20,10 +20,6 @@ WORSE = 12.0
 """Ratio of the variance of a channel to that of its fits up to which it may be that of all: the 99.9th percentile of
 F(8, 8), as some eight edges are measured. With 3.4, the 95th, weights of channels that are as good are learned of few
 edges, and errors beside lateral colour are up to 15 % larger."""
-GAIN = 2.0
-"""Weight of a frame over that of a mean: variances are first taken before displacements are known."""
-TINY_PX2 = 1e-12
-"""Least variance of a fit, px^2: that of an image without noise."""
 
 
 class Colours:
@@ -45,13 +41,19 @@ class Colours:
         self.unasked_s += dt_s
         if not seen.points:
             return
-        new = min(1.0, self.unasked_s) if self.frames else 1.0
-        self.frames, self.unasked_s = self.frames + 1, 0.0
+        new = min(1.0, self.unasked_s) if self.information.any() else 1.0
+        self.unasked_s = 0.0
         for total, of_frame in (self.information, seen.information), (self.vector, seen.vector):
             total += new * (of_frame - rate * total)
-        for mean, of_frame in (self.apart_px2, seen.apart_px2), (self.of_fits_px2, seen.of_fits_px2):
-            mean += max(rate, GAIN / (1 + self.frames)) * (of_frame - mean)
-        self.known = np.column_stack([self.weights, self.displaced_px])
+        displaced_px, before = self.displaced_px, self.known[:, OUTWARDS:]
+        if np.square(displaced_px - before).max() > seen.of_fits_px2.min():
+            self.frames, weights = 0, np.ones(3)  # what is left was measured beside other displacements
+        else:
+            self.frames += 1
+            for mean, of_frame in (self.apart_px2, seen.apart_px2), (self.of_fits_px2, seen.of_fits_px2):
+                mean += max(rate, 1 / self.frames) * (of_frame - mean)
+            weights = self.weights
+        self.known = np.column_stack([weights, displaced_px])
 
     @property
     def displaced_px(self) -> Array:

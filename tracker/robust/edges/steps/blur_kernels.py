@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics, learned_light, without_derivatives
 from uavbench.tracker.robust.edges.steps.step_kernels import solve
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for, sums_of_steps
 from uavbench.trajectories.kernels.compiled import compiled
@@ -55,10 +55,7 @@ def excess_blur(
     lines, measured, known, size = at.lines, np.empty(len(rows)), 0, 2 * COMPONENTS + 2
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     A, x, products = sums.A, sums.x[:COMPONENTS], sums.products
-    strip, measures = (
-        Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], blur_px, optics.colours)),
-        measured_points(distance),
-    )
+    strip, measures = Strip(ALONG_PX, ALONG_PX, without_derivatives(optics)), measured_points(distance)
     for p in range(len(rows)):
         if not measures[p] or not learned_light(appearance[rows[p]], image.shape[2], optics, colour) > 0.0:
             continue

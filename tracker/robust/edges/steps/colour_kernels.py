@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.edges.columns import BINS, NEGATIVE_COLOUR, NORMAL_U, NORMAL_V, POSITIVE_COLOUR
+from uavbench.tracker.robust.edges.columns import BINS, NORMAL_U, NORMAL_V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.steps.blur_kernels import ALONG_PX, LEAST_MEASURED, measured_points
@@ -20,10 +20,15 @@ from uavbench.tracker.robust.edges.steps.optics_kernels import (
     OPTICS,
     OUTWARDS,
     Optics,
+    channel_px,
+    displaced_px,
+    learned_light,
+    light_step,
     outwards,
+    without_derivatives,
 )
 from uavbench.tracker.robust.edges.steps.step_kernels import fit_step
-from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for
+from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, Strip, room_for
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -36,14 +41,19 @@ MEDIAN_SQUARE = 0.4549
 OUTLIER = 3.0
 """Differences beyond so many deviations are not of the same step."""
 
+PIXELS = (2 * ALONG_PX + 1) * ACROSS
+"""Pixels about a point."""
+TINY_PX2 = 1e-12
+"""Least variance of a difference or a fit, px^2: that of an image without noise."""
+
 Indices = NDArray[np.int64]
 
 
 class SeenColours(NamedTuple):
     """What a frame says of its colours: information (2, 3, 3) and vector (2, 3), px^-2 and px^-1, on the displacements
     of blue and of red against green: outwards, along u and along v. apart_px2 (3,): variance of the difference between
-    each of PAIRS that those of before leave; of_fits_px2 (3,): of the fits to each channel. points: at how many, 0
-    where too few were measured.
+    each of PAIRS less that of the displacements known before; of_fits_px2 (3,): of the fits to each channel. points:
+    at how many, 0 where too few were measured.
     """
 
     information: Array
@@ -59,27 +69,30 @@ def colours_apart(
 ) -> SeenColours:
     """What the steps of edges that stand alone say of the colours of an image (h, w, 3). Arguments as of `excess_blur`.
 
-    Relative to the optics: a difference that is far from those that they give is an outlier.
+    Relative to the optics: a difference that is far from those that they give is an outlier. Nothing is said where a
+    pixel is blown out, since steps are displaced beside it.
     """
     lines, n, known = at.lines, len(rows), 0
     located, own, factors = np.empty((n, COLOURS)), np.empty((n, COLOURS)), np.empty((n, COLOURS))
     colour, edge, sums, edges, last = np.empty(COLOURS), np.empty((1, 4)), room_for(1, 0, ALONG_PX), 0, -1
-    strip = Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], optics.blur_px, optics.colours))
-    measures = measured_points(distance)
+    strip, measures = Strip(ALONG_PX, ALONG_PX, without_derivatives(optics)), measured_points(distance)
     for p in range(n if image.shape[2] == COLOURS else 0):
         if not measures[p]:
             continue
         edge[0, :] = lines[p, :]
-        row, all_seen = appearance[rows[p]], True
+        row, all_seen, of_image = appearance[rows[p]], True, outwards(image, edge[0])
+        learned_light(row, COLOURS, optics, colour)
+        start = distance[p] - displaced_px(row, image, edge[0], optics, colour)
         for c in range(COLOURS):
             colour[:] = 0.0
-            colour[c] = math.copysign(1.0, row[POSITIVE_COLOUR + c] - row[NEGATIVE_COLOUR + c])
-            step = fit_step(image, edge, distance[p], strip, colour, sums)
+            colour[c] = math.copysign(1.0, light_step(row, c, optics.light))
+            near = start + channel_px(c, of_image, edge[0], optics)
+            step = fit_step(image, edge, near, strip, colour, sums)
             located[known, c], own[known, c] = step.distance, step.variance_px2
-            all_seen = all_seen and step.distance < np.inf
+            all_seen = all_seen and step.distance < np.inf and sums.products[3, 3] == PIXELS
         if all_seen:
             edges, last = edges + int(rows[p] // BINS != last), rows[p] // BINS
-            factors[known, 0] = outwards(image, edge[0])
+            factors[known, 0] = of_image
             factors[known, 1], factors[known, 2] = edge[0, NORMAL_U], edge[0, NORMAL_V]
             known += 1
     return seen_of(located[:known], own[:known], factors[:known], optics.colours, edges)
@@ -109,7 +122,7 @@ def seen_of(located: Array, own: Array, factors: Array, colours: Array, edges: i
             left[p] = difference[p]
             for i in range(3):
                 left[p] -= factors[p, i] * (colours[first, OUTWARDS + i] - colours[second, OUTWARDS + i])
-        square = float(np.median(left * left)) / MEDIAN_SQUARE
+        square = max(TINY_PX2, float(np.median(left * left)) / MEDIAN_SQUARE)
         seen.apart_px2[k] = square
         for p in range(n if k < 2 else 0):
             if not left[p] * left[p] < OUTLIER * OUTLIER * square:

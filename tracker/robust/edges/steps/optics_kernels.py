@@ -52,6 +52,12 @@ class Optics(NamedTuple):
 OPTICS = named_tuple(Optics, "f2! f0 f2!")
 
 
+@inlined
+def without_derivatives(optics: Optics) -> Optics:
+    """The optics with the light alone."""
+    return Optics(optics.light[:1], optics.blur_px, optics.colours)
+
+
 @inlined(allocates=False)
 def highest_code(row: Array, channel: int) -> float:
     """Code of the brighter side of an edge in a channel."""
@@ -118,13 +124,18 @@ def outwards(image: Image, line: Array) -> float:
 @inlined(allocates=False)
 def displaced_px(row: Array, image: Image, line: Array, optics: Optics, colour: Array) -> float:
     """Displacement of an edge's step on its search line (4,), px, along the direction `colour` of `learned_light`."""
-    total, moved, of = 0.0, 0.0, outwards(image, line)
+    total, moved, of_image = 0.0, 0.0, outwards(image, line)
     for c in range(image.shape[2] if image.shape[2] == COLOURS else 0):
         share = colour[c] * light_step(row, c, optics.light)
-        of_channel = of * optics.colours[c, OUTWARDS] + line[NORMAL_U] * optics.colours[c, ALONG_U]
-        moved += share * (of_channel + line[NORMAL_V] * optics.colours[c, ALONG_V])
-        total += share
+        total, moved = total + share, moved + share * channel_px(c, of_image, line, optics)
     return moved / total if total > 0.0 else 0.0
+
+
+@inlined(allocates=False)
+def channel_px(channel: int, of_image: float, line: Array, optics: Optics) -> float:
+    """Displacement of a step on its search line (4,), px, in a channel; of_image: that of `outwards`."""
+    known = optics.colours[channel]
+    return float(of_image * known[OUTWARDS] + line[NORMAL_U] * known[ALONG_U] + line[NORMAL_V] * known[ALONG_V])
 
 
 @inlined(allocates=False)

@@ -14,7 +14,13 @@ from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.steps.blur_kernels import ALONG_PX, LEAST_MEASURED, measured_points
-from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, PIXEL_PX, Optics, learned_light
+from uavbench.tracker.robust.edges.steps.optics_kernels import (
+    OPTICS,
+    PIXEL_PX,
+    Optics,
+    learned_light,
+    without_derivatives,
+)
 from uavbench.tracker.robust.edges.steps.step_kernels import solve
 from uavbench.tracker.robust.edges.steps.sum_kernels import Strip, room_for, sums_of_steps
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -99,10 +105,7 @@ def excess_of_points(
     blur_px2, amount, known = np.empty(len(rows)), np.empty(len(rows)), 0
     colour, edges, sums = np.empty(3), np.empty((COMPONENTS, 4)), room_for(COMPONENTS, 0, ALONG_PX)
     moved = np.array([0.0, -optics.blur_px, optics.blur_px, -REACH_PX, REACH_PX])
-    strip, measures = (
-        Strip(ALONG_PX, ALONG_PX, Optics(optics.light[:1], optics.blur_px, optics.colours)),
-        measured_points(distance),
-    )
+    strip, measures = Strip(ALONG_PX, ALONG_PX, without_derivatives(optics)), measured_points(distance)
     for p in range(len(rows)):
         if not measures[p]:
             continue
