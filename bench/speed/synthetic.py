@@ -1,8 +1,9 @@
 """A fast ray caster for textured boxes on a textured floor, to test trackers without the renderer."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -11,11 +12,24 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array, Pose
 
 CAMERA = Camera.from_field_of_view(640, 480, 65.0)
-ROWS = 32
-"""Of the finer image, whose floor is drawn at once."""
+ROWS = 16
+"""Of the image, drawn at once: what is computed for them stays in the cache."""
+WIDTH = 1024
+"""In which places of a texture are looked up: cv2.remap takes no more than 32767 rows."""
+SKY = (180.0,) * 4
+"""Colour beyond the floor."""
+Places = NDArray[np.float32]
+OUTSIDE = np.float32(-9.0)
+"""Of a place outside of each texture."""
+FARTHEST = 50.0
+"""To which the floor is seen, in units of the rays."""
+FLOOR_M, FACE_M = 1.5, 0.5
+"""Sides of a texture on the floor and on a face."""
 BOX_TRIANGLES = np.array(
     [
         [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
@@ -66,16 +80,114 @@ def orbit(n: int, *, rate_hz: float = 15.0, range_m: float = 1.1, speed_m_s: flo
     return [look_at(e, a, r) for e, a, r in zip(eyes, aims, 0.05 * wave(0, 2.7), strict=True)]
 
 
-def texture(
-    rng: np.random.Generator, colour: Any, contrast: float, size: int = 512, scale: int = 8
-) -> NDArray[np.float32]:
-    """Texture (size, size, 3) of five octaves of grey noise, sigma `contrast` in grey levels, around a BGR colour."""
+def waves(rng: np.random.Generator, size: int = 512, scale: int = 8) -> list[Array]:
+    """Five octaves of grey noise (n, n), the finest first, for a texture (size, size)."""
+    sides = [max(2, size // (scale * 2**octave) + 2) for octave in range(5)]
+    return [rng.normal(size=(n, n)) for n in sides]
+
+
+def texture(octaves: list[Array], colour: Any, contrast: float, size: int = 512) -> Any:
+    """Texture (size, size, 3) float32 of octaves, sigma `contrast` in grey levels, around a BGR colour."""
     out = np.zeros((size, size))
-    for octave in range(5):
-        n = max(2, size // (scale * 2**octave) + 2)
-        out += cv2.resize(rng.normal(size=(n, n)), (size, size), interpolation=cv2.INTER_CUBIC) / (octave + 1)
+    for octave, wave in enumerate(octaves):
+        out += cv2.resize(wave, (size, size), interpolation=cv2.INTER_CUBIC) / (octave + 1)
     out *= contrast / out.std()
-    return np.clip(np.asarray(colour)[None, None] + out[..., None], 0, 255).astype(np.float32)
+    return cv2.merge([np.clip(level + out, 0, 255).astype(np.float32) for level in colour])
+
+
+class Part(NamedTuple):
+    """A face: the axes along its texture's sides and across it, where it is along the latter, corners of its box."""
+
+    axes: NDArray[np.int64]
+    at: float
+    low: Array
+    high: Array
+
+
+class Rays(NamedTuple):
+    """Directions (3, h, w) from an eye (3,) in m, for rows of the finer image from `top`."""
+
+    directions: Array
+    eye: Array
+    top: int
+
+
+class Met(NamedTuple):
+    """What rays meet: how far away (n,), and where on the floor's texture (2, h, w); which ones met a face, and where.
+
+    A place on the floor's texture is OUTSIDE where none is seen.
+    """
+
+    depth: Array
+    below: Places
+    which: NDArray[np.int64]
+    places: Places
+
+
+TUPLES = {
+    "Rays": named_tuple(Rays, "f3! f1! i0"),
+    "Part": named_tuple(Part, "i1! f0 f1! f1!"),
+    "Met": named_tuple(Met, "f1! s3! i1! s3!"),
+}
+
+
+@compiled("Rays i0 Met", allocates=False, **TUPLES)
+def meet_floor(rays: Rays, texels: int, met: Met) -> int:
+    """How many rays meet the floor; sets how far away all do, or inf, and where."""
+    over, along, up = rays.directions[0].reshape(-1), rays.directions[1].reshape(-1), rays.directions[2].reshape(-1)
+    eye, depth, x, y = rays.eye, met.depth, met.below[0].reshape(-1), met.below[1].reshape(-1)
+    count = 0
+    for k in range(len(depth)):
+        t = -eye[2] / (1e-12 if up[k] == 0.0 else up[k])
+        hit = (t > 0.0) & (t < FARTHEST)
+        u, v = (eye[0] + t * over[k]) / FLOOR_M, (eye[1] + t * along[k]) / FLOOR_M
+        depth[k] = t if hit else np.inf
+        x[k] = np.float32((u - math.floor(u)) * texels) if hit else OUTSIDE
+        y[k] = np.float32((v - math.floor(v)) * texels) if hit else OUTSIDE
+        count += hit
+    return count
+
+
+@compiled("Rays Part i1 i0 Met", allocates=False, **TUPLES)
+def meet_face(rays: Rays, part: Part, window: NDArray[np.int64], texels: int, met: Met) -> int:
+    """How many rays meet a face before all else; sets which ones, and where, and how far away.
+
+    window: first row of the finer image, last, first column and last in which any may.
+    """
+    u, v, n = part.axes[0], part.axes[1], part.axes[2]
+    low, high, eye, depth, below = part.low, part.high, rays.eye, met.depth, met.below[0].reshape(-1)
+    x, y = met.places[0].reshape(-1), met.places[1].reshape(-1)
+    count, height, width = 0, rays.directions.shape[1], rays.directions.shape[2]
+    for row in range(max(window[0] - rays.top, 0), min(window[1] - rays.top, height)):
+        for column in range(max(window[2], 0), min(window[3], width)):
+            across = rays.directions[n, row, column]
+            t = (part.at - eye[n]) / (1e-12 if across == 0.0 else across)
+            k = row * width + column
+            pu = eye[u] + t * rays.directions[u, row, column]
+            pv = eye[v] + t * rays.directions[v, row, column]
+            within = (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
+            if (t > 0.0) & (t < depth[k]) & within:
+                pu, pv = (pu - low[u]) / FACE_M, (pv - low[v]) / FACE_M
+                depth[k], below[k], met.which[count] = t, OUTSIDE, k
+                x[count] = np.float32((pu - math.floor(pu)) * texels)
+                y[count] = np.float32((pv - math.floor(pv)) * texels)
+                count += 1
+    return count
+
+
+@dataclass
+class Face:
+    """A side of a box, seen from one side only, whose texture is made when it is first seen."""
+
+    side: int
+    part: Part
+    octaves: list[Array]
+    colour: Array
+
+    @cached_property
+    def texture(self) -> Any:
+        """Texture (n, n, 4), BGR and a channel that is not used."""
+        return _with_fourth(texture(self.octaves, self.colour, 7))
 
 
 @dataclass
@@ -87,7 +199,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
-        self.floor = texture(rng, (95, 105, 110), 14, scale=16)
+        self.floor = texture(waves(rng, scale=16), (95.0, 105.0, 110.0), 14)
         self.faces = []
         for corners in self.boxes:
             low, high = corners.min(axis=0), corners.max(axis=0)
@@ -95,10 +207,10 @@ class Scene:
                 for side, at in ((-1, low), (1, high)):
                     if axis == 2 and side == -1:
                         continue
-                    u, v = (a for a in range(3) if a != axis)
                     shade = {0: 0.75, 1: 0.9, 2: 1.15}[axis] * (1.0 if side > 0 else 0.85)
-                    tex = texture(rng, np.array((90, 130, 165)) * shade, 7)
-                    self.faces.append((axis, side, at[axis], u, v, low, high, tex))
+                    axes = np.array([*(a for a in range(3) if a != axis), axis])
+                    colour = np.array((90, 130, 165)) * shade
+                    self.faces.append(Face(side, Part(axes, float(at[axis]), low, high), waves(rng), colour))
 
     def render(
         self,
@@ -108,44 +220,70 @@ class Scene:
         supersample: int = 2,
     ) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) uint8, with shot and read noise when a generator is given."""
-        height, width = camera.height * supersample, camera.width * supersample
-        d = (cam_from_world.rotation.T @ _rays(camera, supersample)).reshape(3, height, width)
-        o = cam_from_world.inverse().translation
-        full, depth = self._floor_seen(o, d)
-        for face in self.faces:
-            axis, side, at, u, v, low, high, tex = face
-            if side * (o[axis] - at) <= 0:
-                continue
-            window = _window(face, cam_from_world, camera, supersample)
-            du, dv, dn = (d[k][window] for k in (u, v, axis))
-            t = (at - o[axis]) / np.where(dn == 0, 1e-12, dn)
-            pu, pv = o[u] + t * du, o[v] + t * dv
-            near = depth[window]
-            hit = (t > 0) & (t < near) & (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
-            if not hit.any():
-                continue
-            full[window][hit] = _sample(tex, *((p[hit] - least) / 0.5 for p, least in ((pu, low[u]), (pv, low[v]))))
-            near[hit] = t[hit]
-        small = cv2.resize(full, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-        if noise_rng is not None:
-            small = small + noise_rng.normal(size=small.shape) * np.sqrt(4.0 + 0.06 * small)
-        return np.asarray(np.clip(small + 0.5, 0, 255), dtype=np.uint8)
-
-    def _floor_seen(self, o: Array, d: Array) -> tuple[NDArray[np.float32], Array]:
-        """Colour (h, w, 3) and depth (h, w) of the floor, infinite above the horizon; ROWS at a time, in the cache."""
-        full, depth = np.full((*d.shape[1:], 3), 180.0, np.float32), np.full(d.shape[1:], np.inf)
-        for first in range(0, len(depth), ROWS):
-            rows = slice(first, first + ROWS)
-            t = -o[2] / np.where(d[2, rows] == 0, 1e-12, d[2, rows])
-            hit = (t > 0) & (t < 50)
-            if hit.any():
-                seen = _sample(self.floor, *((o[k] + t * d[k, rows]).ravel() / 1.5 for k in (0, 1)))
-                np.copyto(full[rows], seen.reshape(*t.shape, 3), where=hit[..., None])
-                np.copyto(depth[rows], t, where=hit)
-        return full, depth
+        rays, turned = _rays(camera, supersample), cam_from_world.rotation.T
+        eye, floor = np.array(cam_from_world.inverse().translation), _with_fourth(self.floor)
+        towards = [face for face in self.faces if face.side * (eye[face.part.axes[2]] - face.part.at) > 0]
+        faces = [(face, _window(face, cam_from_world, camera, supersample)) for face in towards]
+        image = np.empty((camera.height, camera.width, 3), np.uint8)
+        width = camera.width * supersample
+        for first in range(0, camera.height, ROWS):
+            part = image[first : first + ROWS]
+            top, height = first * supersample, len(part) * supersample
+            d = (turned @ rays[:, top * width : (top + height) * width]).reshape(3, height, width)
+            full = cv2.cvtColor(_seen(Rays(d, eye, top), floor, faces), cv2.COLOR_BGRA2BGR)
+            small = cv2.resize(full, (camera.width, len(part)), interpolation=cv2.INTER_AREA)
+            part[:] = _exposed(small, noise_rng)
+        return image
 
 
-@lru_cache(maxsize=1)
+def _with_fourth(tex: NDArray[np.float32]) -> Any:
+    """A texture with a fourth channel, which is not used: cv2.remap takes half as long for four as for three."""
+    return cv2.cvtColor(tex, cv2.COLOR_BGR2BGRA)
+
+
+def _exposed(small: Any, noise_rng: np.random.Generator | None) -> Any:
+    """Grey levels, 0 to 255, to be cut to whole numbers, of float32 ones: with noise where a generator is given."""
+    if noise_rng is None:
+        return np.clip(small + np.float32(0.5), 0, 255)
+    sigma = small * np.float32(0.06)
+    sigma += np.float32(4.0)
+    noisy = noise_rng.standard_normal(size=small.shape)
+    noisy *= np.sqrt(sigma, out=sigma)
+    noisy += small
+    noisy += 0.5
+    return np.clip(noisy, 0, 255, out=noisy)
+
+
+def _seen(rays: Rays, floor: Any, faces: list[tuple[Face, NDArray[np.int64]]]) -> Any:
+    """Colours (h, w, 4) that rays see of the floor and of faces, each in its window."""
+    shape, n = rays.directions.shape[1:], rays.directions[0].size
+    places = np.zeros((2, -(-n // WIDTH), WIDTH), np.float32)
+    met = Met(np.empty(n), np.empty((2, *shape), np.float32), np.empty(n, np.int64), places)
+    texels, on_faces = len(floor) - 1, []
+    on_floor = meet_floor(rays, texels, met)
+    for face, window in faces:
+        if window[0] < rays.top + shape[0] and rays.top < window[1]:
+            count = meet_face(rays, face.part, window, texels, met)
+            if count:
+                x, y = places[:, : -(-count // WIDTH)]
+                colours = _whole(cv2.remap(face.texture, x, y, cv2.INTER_LINEAR))
+                on_faces.append((met.which[:count].copy(), colours[:count]))
+    if on_floor:
+        x, y = met.below
+        full = cv2.remap(floor, x, y, cv2.INTER_LINEAR, borderValue=SKY)
+    else:
+        full = np.full((*shape, 4), SKY, np.float32)
+    for these, colours in on_faces:
+        _whole(full)[these] = colours
+    return full
+
+
+def _whole(colours: Any) -> Any:
+    """Colours (..., 4) as a vector of complex numbers, of the same four floats each, which NumPy moves as one."""
+    return colours.reshape(-1).view(np.complex128)
+
+
+@lru_cache(maxsize=32)
 def _rays(camera: Camera, supersample: int) -> Array:
     """Rays (3, n) in the camera frame, z = 1, row by row through supersample² points of each pixel."""
     s = supersample
@@ -154,27 +292,21 @@ def _rays(camera: Camera, supersample: int) -> Array:
     return np.ascontiguousarray(camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).T)
 
 
-def _window(face: Any, cam_from_world: Pose, camera: Camera, supersample: int) -> tuple[slice, slice]:
-    """Rows and columns of the finer image that a face can be seen in: all of them where it is not before the camera."""
-    _, _, at, u, v, low, high, _ = face
-    corners = np.full((4, 3), float(at))
+def _window(face: Face, cam_from_world: Pose, camera: Camera, supersample: int) -> NDArray[np.int64]:
+    """First row, last, first column and last of the finer image that a face can be seen in.
+
+    All of them where it is not before the camera.
+    """
+    (u, v, _), at, low, high = face.part
+    corners = np.full((4, 3), at)
     corners[:, u], corners[:, v] = [low[u], low[u], high[u], high[u]], [low[v], high[v], low[v], high[v]]
     points = cam_from_world.transform(corners)
     if camera.distortion_model != "none" or points[:, 2].min() < 0.05:
-        return slice(None), slice(None)
+        return np.array([0, camera.height * supersample, 0, camera.width * supersample])
     pixels = camera.project(points)
-    first = np.maximum(np.floor((pixels.min(axis=0) - 1) * supersample), 0).astype(int)
-    last = np.maximum(np.ceil((pixels.max(axis=0) + 2) * supersample), 0).astype(int)
-    return slice(first[1], last[1]), slice(first[0], last[0])
-
-
-def _sample(tex: NDArray[np.float32], u: Array, v: Array) -> Any:
-    """Colours (n, 3) of a texture that is repeated, at coordinates (n,) in its sizes."""
-    n, width = len(u), 1024  # cv2.remap takes no more than 32767 rows
-    x, y = (((at - np.floor(at)) * (len(tex) - 1)).astype(np.float32) for at in (u, v))
-    if n % width:
-        x, y = (np.resize(at, -(-n // width) * width) for at in (x, y))
-    return cv2.remap(tex, x.reshape(-1, width), y.reshape(-1, width), cv2.INTER_LINEAR).reshape(-1, 3)[:n]
+    first = np.floor((pixels.min(axis=0) - 1) * supersample)
+    last = np.ceil((pixels.max(axis=0) + 2) * supersample)
+    return np.array([first[1], last[1], first[0], last[0]]).astype(np.int64)
 
 
 class PoseError(NamedTuple):
