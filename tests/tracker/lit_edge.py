@@ -15,10 +15,10 @@ DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
 CODES = np.concatenate([encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0]]).astype(float)
 
 
-def edge(blur_px, angle_deg, distance=0.0, noise=0.0, rng=None, moved_px=(0.0, 0.0, 0.0)):
+def edge(blur_px, angle_deg, distance=0.0, noise=0.0, rng=None, moved_px=(0.0, 0.0, 0.0), bright=BRIGHT):
     """Image of a half plane by a lens, and the control points of its border, `distance` px before it.
 
-    moved_px: by how much each channel is displaced along the normal.
+    moved_px: by how much each channel is displaced along the normal. bright: light of its bright side, 1 for white.
     """
     nu, nv = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
@@ -26,7 +26,7 @@ def edge(blur_px, angle_deg, distance=0.0, noise=0.0, rng=None, moved_px=(0.0, 0
     lens = math.sqrt(max(blur_px**2 - 1 / 12, 1e-9))
     share = 0.5 * (1 + erf((across[..., None] - moved_px) / (math.sqrt(2) * lens)))
     share = share.reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))
-    codes = encode(DARK * (1 - share) + BRIGHT * share).astype(float)
+    codes = encode(np.minimum(1, DARK * (1 - share) + bright * share)).astype(float)
     codes += rng.normal(0, noise, codes.shape) if rng is not None else 0.0
     along = np.arange(-18, 19, 6)
     n = len(along)
