@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uavbench.scenes.png.huffman import code_lengths, codes
-from uavbench.scenes.png.matches import find_matches
+from uavbench.scenes.png.matches import AT_ONCE, find_matches
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.kernels.equal_bytes import BITS
+from uavbench.trajectories.kernels.equal_bytes import BITS, COPIED, copy_bytes
 
 BLOCK = 1 << 17
 """Input bytes per block, some 68 rows of 640 x 3 bytes; the header with its codes takes 45 to 160 bytes."""
@@ -18,8 +18,6 @@ SHORTEST, LONGEST = 3, 258
 """Shortest and longest match of deflate (section 3.2.5)."""
 MOST_DISTANT = 8
 """Greatest distance of matches here: one extra bit is enough (section 3.2.5)."""
-AT_ONCE = 8
-"""Literals that are copied at once, a vector: more than there are between most matches."""
 TOKENS = END + LONGEST + 1
 """Tokens: literals, the end of a block, and END + n for a match of n bytes."""
 CODE_BITS, META_BITS = 15, 7
@@ -58,15 +56,16 @@ def deflate(data: Any, distance: int, out: Any) -> int:
 
     Bytes that are like those a distance before, 1 to MOST_DISTANT, are replaced by their number.
     """
-    tokens, tallies = np.empty(BLOCK + AT_ONCE, dtype=np.uint16), np.empty((4, TOKENS), dtype=np.int64)
-    masks, places = np.empty(BLOCK // BITS + 1, dtype=np.uint64), np.empty(BLOCK, dtype=np.int64)
+    tokens, tallies = np.empty(BLOCK + COPIED, dtype=np.uint16), np.empty((4, TOKENS), dtype=np.int64)
+    masks, threes = np.empty(BLOCK // BITS + 1, dtype=np.uint64), np.empty(BLOCK // BITS + 1, dtype=np.uint64)
+    places = np.empty(BLOCK + AT_ONCE, dtype=np.int64)
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
     words, bits = np.zeros(TOKENS, dtype=np.uint64), np.zeros(TOKENS, dtype=np.int64)
     at = 0
     for start in range(0, data.size, BLOCK):
         stop = min(start + BLOCK, data.size)
-        found = find_matches(data, (start, stop), distance, masks, places)
+        found = find_matches(data, (start, stop), distance, masks, threes, places)
         number = _tokens(data, start, stop, places[:found], tokens)
         _count(tokens[:number], tallies, counts)
         code_lengths(counts, CODE_BITS, lengths)
@@ -84,14 +83,14 @@ def _tokens(data: Any, start: int, stop: int, places: Any, tokens: Any) -> int:
     """Tokenize data[start:stop] with the places of its matches, as of `find_matches`; returns the number of tokens."""
     number, i, matches = 0, start, places.size // 2
     apart = matches
-    while apart > 0 and start + places[2 * apart - 2] + AT_ONCE > data.size:
+    while apart > 0 and start + places[2 * apart - 2] + COPIED > data.size:
         apart -= 1
     for k in range(matches):
         begin, end = start + places[2 * k], start + places[2 * k + 1]
         if k < apart:
-            _copy_some(data, np.uint64(i), tokens, np.uint64(number))
-            if begin - i > AT_ONCE:
-                _copy(data, i + AT_ONCE, begin, tokens, number + AT_ONCE)
+            copy_bytes(data, np.uint64(i), tokens, np.uint64(number))
+            if begin - i > COPIED:
+                _copy(data, i + COPIED, begin, tokens, number + COPIED)
         else:
             _copy(data, i, begin, tokens, number)
         number += begin - i
@@ -114,16 +113,6 @@ def _copy(data: Any, start: int, stop: int, tokens: Any, number: int) -> None:
     at, into = np.uint64(start), np.uint64(number)
     for k in range(np.uint64(max(stop - start, 0))):
         tokens[into + k] = data[at + k]
-
-
-@compiled
-def _copy_some(data: Any, i: Any, tokens: Any, at: Any) -> None:
-    """AT_ONCE literals as tokens: all are read before any is written, which becomes one vector."""
-    a, b, c, d = data[i], data[i + np.uint64(1)], data[i + np.uint64(2)], data[i + np.uint64(3)]
-    e, f, g, h = data[i + np.uint64(4)], data[i + np.uint64(5)], data[i + np.uint64(6)], data[i + np.uint64(7)]
-    tokens[at], tokens[at + np.uint64(1)], tokens[at + np.uint64(2)], tokens[at + np.uint64(3)] = a, b, c, d
-    at += np.uint64(4)
-    tokens[at], tokens[at + np.uint64(1)], tokens[at + np.uint64(2)], tokens[at + np.uint64(3)] = e, f, g, h
 
 
 @compiled("h1 i2! i1!", inner=True, allocates=False)
@@ -210,27 +199,44 @@ def _put(out: Any, at: int, word: int, count: int) -> int:
 def _put_tokens(out: Any, at: Any, tokens: Any, words: Any, bits: Any) -> Any:
     """Write the bit patterns of all tokens, as `_put` with the current output word buffered; returns the next bit.
 
-    Three at once, which have at most 63 bits; and without a branch for a full word, which would often be mispredicted.
+    Six at once where they have fewer bits than a word, which most have, else two times three.
     """
     k, fill = np.uint64(at >> 6), np.uint64(at & 63)
     buffer = out[k] if fill else np.uint64(0)
-    whole = tokens.size - tokens.size % 3
-    for i in range(np.uint64(0), np.uint64(whole), np.uint64(3)):
-        first, second, third = tokens[i], tokens[i + np.uint64(1)], tokens[i + np.uint64(2)]
-        one, two = np.uint64(bits[first]), np.uint64(bits[second])
-        count = one + two
-        word = words[first] | (words[second] << one) | (words[third] << count)
-        count += np.uint64(bits[third])
-        out[k] = buffer | (word << fill)
-        after = (word >> np.uint64(1)) >> (np.uint64(63) - fill)
-        fill += count
-        full = fill >> np.uint64(6)
-        buffer = after if full else out[k]
-        k += full
-        fill &= np.uint64(63)
+    whole, three = tokens.size - tokens.size % 6, np.uint64(3)
+    for i in range(np.uint64(0), np.uint64(whole), np.uint64(6)):
+        word, count = _three(tokens, i, words, bits)
+        further, more = _three(tokens, i + three, words, bits)
+        if count + more < np.uint64(BITS):
+            k, fill, buffer = _append(out, k, fill, buffer, word | (further << count), count + more)
+        else:
+            k, fill, buffer = _append(out, k, fill, buffer, word, count)
+            k, fill, buffer = _append(out, k, fill, buffer, further, more)
     if fill:
         out[k] = buffer
     at = np.int64(np.uint64(64) * k + fill)
     for i in range(whole, tokens.size):
         at = _put(out, at, words[tokens[i]], bits[tokens[i]])
     return at
+
+
+@compiled
+def _three(tokens: Any, i: Any, words: Any, bits: Any) -> tuple[Any, Any]:
+    """The bit pattern of three tokens, and its number of bits."""
+    first, second, third = tokens[i], tokens[i + np.uint64(1)], tokens[i + np.uint64(2)]
+    one, two = np.uint64(bits[first]), np.uint64(bits[second])
+    count = one + two
+    return words[first] | (words[second] << one) | (words[third] << count), count + np.uint64(bits[third])
+
+
+@compiled
+def _append(out: Any, k: Any, fill: Any, buffer: Any, word: Any, count: Any) -> tuple[Any, Any, Any]:
+    """Append fewer than 64 bits to output word k, of which so many are filled; returns the same three of what follows.
+
+    Without a branch for a full word, which would often be mispredicted.
+    """
+    out[k] = buffer | (word << fill)
+    after = (word >> np.uint64(1)) >> (np.uint64(63) - fill)
+    fill += count
+    full = fill >> np.uint64(6)
+    return k + full, fill & np.uint64(63), after if full else out[k]

@@ -5,15 +5,18 @@ from typing import Any
 import numpy as np
 
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.kernels.equal_bytes import BITS, bit_number, equal_bytes
+from uavbench.trajectories.kernels.equal_bytes import BITS, equal_bytes, lowest_bit, set_bits
+
+AT_ONCE = 4
+"""Places that are listed at once."""
 
 
-@compiled("u1 (i0 i0) i0 w1! i1!", inner=True, allocates=False)
-def find_matches(data: Any, part: Any, distance: int, masks: Any, places: Any) -> int:
+@compiled("u1 (i0 i0) i0 w1! w1! i1!", inner=True, allocates=False)
+def find_matches(data: Any, part: Any, distance: int, masks: Any, threes: Any, places: Any) -> int:
     """List where the longest stretches of at least three bytes like those a distance before begin and end.
 
-    places: begin and end, one after the other, from the start of the part (start, stop) of data; returns their number.
-    masks: scratch of a word for each BITS bytes of the part, and one more.
+    places: begin and end, one after the other, from the start of the part (start, stop) of data, with room for AT_ONCE
+    more; returns their number. masks and threes: scratch of a word for each BITS bytes of the part, and one more.
     """
     start, stop = part
     words = -(-(stop - start) // BITS)
@@ -24,6 +27,7 @@ def find_matches(data: Any, part: Any, distance: int, masks: Any, places: Any) -
         else:
             masks[n] = _some_equal(data, first, min(first + BITS, stop), distance)
     masks[words] = 0
+    _mark_ends(masks, words, threes)
     return _list_ends(masks, words, stop - start, places)
 
 
@@ -38,21 +42,39 @@ def _some_equal(data: Any, begin: int, end: int, distance: int) -> Any:
 
 
 @compiled
-def _list_ends(masks: Any, words: int, size: int, places: Any) -> int:
-    """List where stretches of at least three set bits begin and end; returns how many places these are."""
-    count, before, last = 0, np.uint64(0), np.uint64(0)
-    one, two = np.uint64(1), np.uint64(2)
+def _mark_ends(masks: Any, words: int, threes: Any) -> None:
+    """Turn bits that are set into those of where stretches of at least three of them begin, and of those after them.
+
+    threes (words + 1,): scratch, whose bits are set where such a stretch begins or goes on by three. Words do not wait
+    for those before them, which becomes vectors.
+    """
+    one, two, top = np.uint64(1), np.uint64(2), np.uint64(BITS - 1)
+    threes[0] = 0
     for n in range(words):
         here, after = masks[n], masks[n + 1]
-        three = here & ((here >> one) | (after << np.uint64(63))) & ((here >> two) | (after << np.uint64(62)))
-        within = three | (three << one) | (before >> np.uint64(63)) | (three << two) | (before >> np.uint64(62))
-        ends = within ^ ((within << one) | last)
-        before, last = three, within >> np.uint64(63)
-        while ends != 0:
-            single = ends & (~ends + one)
-            places[count] = BITS * n + int(bit_number(single))
-            count += 1
-            ends ^= single
+        threes[n + 1] = here & ((here >> one) | (after << top)) & ((here >> two) | (after << (top - one)))
+    for n in range(words):
+        before, here = threes[n], threes[n + 1]
+        within = here | (here << one) | (here << two) | (before >> top) | (before >> (top - one))
+        masks[n] = within ^ ((within << one) | np.uint64((before >> (top - two)) != 0))
+
+
+@compiled
+def _list_ends(masks: Any, words: int, size: int, places: Any) -> int:
+    """List the places of the bits of words, and the size if they are odd in number; returns how many places these are.
+
+    AT_ONCE at once, some of which are overwritten: how many a word has is hard to predict.
+    """
+    count = 0
+    for n in range(words):
+        ends = masks[n]
+        beyond = count + int(set_bits(ends))
+        while count < beyond:
+            for k in range(AT_ONCE):
+                places[count + k] = BITS * n + int(lowest_bit(ends))
+                ends &= ends - np.uint64(1)
+            count += AT_ONCE
+        count = beyond
     if count % 2 == 1:
         places[count] = size
         count += 1

@@ -14,7 +14,7 @@ from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.encoder import ENCODING, png
 from uavbench.scenes.png.huffman import code_lengths
-from uavbench.scenes.png.matches import find_matches
+from uavbench.scenes.png.matches import AT_ONCE, find_matches
 
 RNG = np.random.default_rng(7)
 
@@ -105,9 +105,10 @@ def matches_by_hand(data: np.ndarray, distance: int) -> list[int]:
 def test_matches_are_the_longest_stretches_of_repeated_bytes(size: int, distance: int) -> None:
     for share in (0.05, 0.3, 1.0):
         data = (RNG.random(size) > share).astype(np.uint8) * RNG.integers(0, 3, size, dtype=np.uint8)
-        masks, places = np.zeros(99, dtype=np.uint64), np.empty(size + 1, dtype=np.int64)
+        masks, threes = np.zeros(99, dtype=np.uint64), np.zeros(99, dtype=np.uint64)
+        places = np.empty(size + AT_ONCE, dtype=np.int64)
         find = getattr(find_matches, "for_python", find_matches)
-        count = find(data, (0, size), distance, masks, places)
+        count = find(data, (0, size), distance, masks, threes, places)
         assert places[:count].tolist() == matches_by_hand(data, distance)
 
 

@@ -1,4 +1,4 @@
-"""Comparison of 64 bytes with 64 others into the bits of a word, for which processors have instructions."""
+"""Comparison of 64 bytes with 64 others into the bits of a word, and what processors do with bits and bytes at once."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from llvmlite import ir
 from numba import extending
 from numba.core import cgutils, types
 
-from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.kernels.compiled import inlined
 
 numba: Any = extending
 fields_of: Any = cgutils.create_struct_proxy
@@ -15,13 +15,10 @@ BITS = 64
 """Bits of a word."""
 AT_ONCE = BITS // 4
 """Numbers of 32 bits that are compared at once."""
+COPIED = 32
+"""Bytes that are copied at once: more than there are literals between most matches of an image."""
 LOWEST = np.uint64(0x1111111111111111)
 """Lowest bit of each four."""
-SINGLE = np.uint64(0x03F79D71B4CB0A89)
-"""Factor whose products with 2^0 .. 2^63 differ in their highest six bits (Leiserson, Prokop & Randall 1998)."""
-PLACES = np.zeros(BITS, dtype=np.uint8)
-"""Number of a single bit by those six bits."""
-PLACES[[(int(SINGLE) << k & 2**BITS - 1) >> 58 for k in range(BITS)]] = np.arange(BITS)
 
 
 def equal_bytes(data: Any, one: Any, other: Any) -> Any:
@@ -59,10 +56,72 @@ def _for_kernels(data: Any, one: Any, other: Any) -> Any:
 numba.overload(equal_bytes)(_for_kernels)
 
 
-@compiled
-def bit_number(single: Any) -> Any:
-    """The number of the only bit of a word that is set."""
-    return PLACES[(single * SINGLE) >> np.uint64(58)]
+def lowest_bit(word: Any) -> Any:
+    """Number of the lowest bit of a word that is set; of none, BITS."""
+    return np.uint64((int(word) & -int(word)).bit_length() - 1 if word else BITS)
+
+
+def set_bits(word: Any) -> Any:
+    """How many bits of a word are set."""
+    return np.uint64(int(word).bit_count())
+
+
+def _by_one_instruction(of: str, *constants: Any) -> Any:
+    """Function of a word that kernels compute by an instruction of LLVM's."""
+
+    def typed(context: Any, word: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return getattr(builder, of)(*arguments, *constants)
+
+        return types.uint64(types.uint64), code
+
+    instruction = numba.intrinsic(typed)
+
+    def for_kernels(word: Any) -> Any:
+        def compiled(word: Any) -> Any:
+            return instruction(word)
+
+        return compiled
+
+    return for_kernels
+
+
+numba.overload(lowest_bit)(_by_one_instruction("cttz", ir.Constant(ir.IntType(1), 0)))
+numba.overload(set_bits)(_by_one_instruction("ctpop"))
+
+
+def copy_bytes(data: Any, one: Any, out: Any, other: Any) -> Any:
+    """Copy COPIED bytes from a place on to numbers of 16 bits from another place on."""
+    out[int(other) : int(other) + COPIED] = data[int(one) : int(one) + COPIED]
+
+
+def _copy_typed(context: Any, data: Any, one: Any, out: Any, other: Any) -> Any:
+    """Signature of the copy, and its code: one vector, which LLVM does not make of all loops that copy as many."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        arrays = [fields_of(signature.args[k])(context, builder, arguments[k]).data for k in (0, 2)]
+        vectors = [ir.VectorType(ir.IntType(bits), COPIED) for bits in (8, 16)]
+        source, target = (
+            builder.bitcast(builder.gep(array, [place]), vector.as_pointer())
+            for array, place, vector in zip(arrays, arguments[1::2], vectors, strict=True)
+        )
+        builder.store(builder.zext(builder.load(source, align=1), vectors[1]), target, align=1)
+        return context.get_dummy_value()
+
+    return types.void(data, types.uint64, out, types.uint64), code
+
+
+_copy = numba.intrinsic(_copy_typed)
+
+
+def _copy_for_kernels(data: Any, one: Any, out: Any, other: Any) -> Any:
+    def compiled(data: Any, one: Any, out: Any, other: Any) -> Any:
+        return _copy(data, one, out, other)
+
+    return compiled
+
+
+numba.overload(copy_bytes)(_copy_for_kernels)
 
 
 @inlined

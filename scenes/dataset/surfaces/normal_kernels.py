@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.scenes.dataset.surfaces.surface_files import NORMAL_UNITS
 from uavbench.scenes.png.filters import UP
 from uavbench.trajectories.kernels.compiled import compiled, inlined
-from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, bit_number, unlike
+from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, lowest_bit, unlike
 
 BYTES = 6
 """Bytes of a pixel in these files: three numbers of 16 bits."""
@@ -38,9 +38,8 @@ def normal_rows(rows: Any, corners: Any, cam_from_world: Any, codes: Any, out: A
             here = np.uint64(4 * (i * w + first))
             others = unlike(data, here, here - stride, min(w - first, AT_ONCE))
             while others != 0:
-                single = others & (~others + np.uint64(1))
-                others ^= single
-                u: Any = first + (np.int64(bit_number(single)) >> 2)
+                u: Any = first + (np.int64(lowest_bit(others)) >> 2)
+                others &= others - np.uint64(1)
                 _put(corners, rows[i, u], rows[i - 1, u], cam_from_world, codes, out[i], np.uint64(1 + BYTES * u))
 
 

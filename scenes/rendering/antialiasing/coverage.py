@@ -10,7 +10,7 @@ from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, read
 from uavbench.scenes.rendering.facets import Rows
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, BITS, bit_number, equal_bytes, unlike
+from uavbench.trajectories.kernels.equal_bytes import AT_ONCE, BITS, equal_bytes, lowest_bit, unlike
 from uavbench.trajectories.pose import Array
 
 BESIDE = 2
@@ -111,9 +111,8 @@ def _unlike(data: Any, v: int, size: Any, columns: Any) -> int:
         if v + 1 < h:
             others |= unlike(data, here, here + stride, min(w - first, AT_ONCE))
         while others != 0:
-            single = others & (~others + np.uint64(1))
-            others ^= single
-            columns[count] = first + (np.int64(bit_number(single)) >> 2)
+            columns[count] = first + (np.int64(lowest_bit(others)) >> 2)
+            others &= others - np.uint64(1)
             count += 1
     return count
 
@@ -126,9 +125,8 @@ def _marked(marks: Any, row: int, columns: Any) -> int:
     for first in range(np.uint64(0), width, np.uint64(BITS)):
         marked = ~equal_bytes(data, here + first, zeros + first)
         while marked != 0:
-            single = marked & (~marked + np.uint64(1))
-            marked ^= single
-            columns[count] = first + np.uint64(bit_number(single))
+            columns[count] = first + lowest_bit(marked)
+            marked &= marked - np.uint64(1)
             count += 1
     return count
 
