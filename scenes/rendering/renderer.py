@@ -137,7 +137,7 @@ class Renderer:
         self._read(0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, self._color)
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
         self._seen, self._pixels = Moment(cam_from_world, camera, time_s), self._outlines.pixels(self._numbers)
-        return self._outlines.image(self._color, self._pixels.facets, self._seen)
+        return self._outlines.image(self._color, self._pixels, self._seen)
 
     def _draw(self, view_projection: Array, eye: Array, time_s: float, into: Mirror | None = None) -> None:
         """Draw all meshes, then the sky, into a mirror or the image; water is not mirrored."""
@@ -174,18 +174,10 @@ class Renderer:
 
     def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
         """Depth in metres and instances (h, w) at the pixel centres of a pinhole camera of this renderer's size."""
-        return self._look_at(cam_from_world, camera, time_s).geometry
+        return self.pixels_seen(cam_from_world, camera, time_s).geometry
 
-    def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int32]:
-        """Rows (h, w) of `facets` visible at the pixel centres; NONE for background or sky."""
-        return self._look_at(cam_from_world, camera, time_s).facets
-
-    def facet_table(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> FacetTable:
-        """The `facets` as they are in view; valid until the next image or table of another view."""
-        return self._outlines.table(Moment(cam_from_world, camera, time_s))
-
-    def _look_at(self, cam_from_world: Pose, camera: Camera, time_s: float) -> Pixels:
-        """Render depths and facets, unless those of this view are there."""
+    def pixels_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Pixels:
+        """What is visible at the pixel centres: rendered, unless it was for this view before."""
         GL, moment = self._gl, Moment(cam_from_world, camera, time_s)
         if moment.same(self._seen):
             return self._pixels
@@ -203,6 +195,10 @@ class Renderer:
         self._read(1, GL.GL_RG, GL.GL_FLOAT, self._numbers)
         self._seen, self._pixels = moment, self._outlines.pixels(self._numbers)
         return self._pixels
+
+    def facet_table(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> FacetTable:
+        """The `facets` as they are in view; valid until the next image or table of another view."""
+        return self._outlines.table(Moment(cam_from_world, camera, time_s))
 
     def nearest_m(self, eye: Array) -> float:
         """Lower bound of the distance in metres from a point (3,) in the world to all static parts."""

@@ -12,7 +12,6 @@ from uavbench.scenes.camera import Camera, camera_array
 from uavbench.scenes.dataset.annotations import read_depth
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.surfaces.flow_kernels import (
-    BEFORE,
     Lens,
     Motions,
     RowScratch,
@@ -22,6 +21,7 @@ from uavbench.scenes.dataset.surfaces.flow_kernels import (
     list_doubtful,
 )
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
+from uavbench.scenes.dataset.surfaces.occlusion_kernels import BEFORE
 from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, LARGEST_FLOW_PX, OUTSIDE, SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTruth
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
@@ -30,6 +30,7 @@ from uavbench.scenes.png.filters import UP
 from uavbench.scenes.primitives.meshes import panel
 from uavbench.scenes.renderables import Mover, Part
 from uavbench.scenes.rendering import context
+from uavbench.scenes.rendering.antialiasing.coverage import cells
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, pixel_grid, render_camera
 from uavbench.scenes.rendering.renderer import Renderer
@@ -319,7 +320,8 @@ def test_the_kernels_are_the_formulas_on_random_facets(model: str, distortion: t
     out = FlowTruth(np.empty((height, 1 + 6 * width), np.uint8), np.where(never, UNKNOWN, SEEN).astype(np.uint8))
     lens = Lens(camera_array(camera), np.array([PINHOLE.fx, PINHOLE.fy, PINHOLE.cx, PINHOLE.cy]))
     table = facet_table(scene["corners"], Pose.identity())
-    flow_rows(shown, motions, lens, scene["seen"].astype(np.int32), table, scratch, tuple(out))
+    image = scene["seen"].astype(np.int32), np.ones(cells(*WIDE), dtype=np.uint8)
+    flow_rows(shown, motions, lens, image, table, scratch, tuple(out))
     to = np.full((len(rays), 2), np.nan)
     to[ahead] = camera.project(expected[ahead])
     known = ahead & (np.abs(to - pixels) < LARGEST_FLOW_PX).all(axis=1) & ~never.reshape(-1)

@@ -5,24 +5,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.dataset.surfaces.surface_files import (
-    FLOW_UNITS_PER_PX,
-    FLOW_ZERO,
-    HIDDEN,
-    LARGEST_FLOW_PX,
-    OUTSIDE,
-    SEEN,
-    UNKNOWN,
-)
+from uavbench.scenes.dataset.surfaces.occlusion_kernels import hide
+from uavbench.scenes.dataset.surfaces.surface_files import FLOW_UNITS_PER_PX, FLOW_ZERO, LARGEST_FLOW_PX, UNKNOWN
 from uavbench.scenes.png.filters import UP
-from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
+from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled, inlined
+from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.kernels.lens import distort
 from uavbench.trajectories.pose import Array
 
-BEFORE = 1e-3
-"""Relative depth difference above which a nearer surface occludes a point."""
 LEAST_SLOPE = 1e-6
 """Cosine of the angle to the optical axis from which on a point is before the camera."""
 HIGHEST = np.uint16(0x8080)
@@ -123,7 +114,7 @@ def list_doubtful(shown: Any, motions: Any, widest: float, scratch: Any, points:
 
 
 @compiled(
-    "shown motions lens j2 facets scratch (u2! u2!)",
+    "shown motions lens (j2 u2) facets scratch (u2! u2!)",
     allocates=False,
     shown=SHOWN,
     motions=MOTIONS,
@@ -131,21 +122,32 @@ def list_doubtful(shown: Any, motions: Any, widest: float, scratch: Any, points:
     facets=FACET_TABLE,
     scratch=ROW_SCRATCH,
 )
-def flow_rows(shown: Any, motions: Any, lens: Any, seen: Any, facets: Any, scratch: Any, out: Any) -> None:
+def flow_rows(shown: Any, motions: Any, lens: Any, later: Any, facets: Any, scratch: Any, out: Any) -> None:
     """Flow to a later image, and occlusion there, of all pixels (h, w).
 
-    seen (h', w') and facets: what was rendered later. out: filtered rows (h, 1 + 6 w) of a PNG file, residuals against
-    the row above of u v known in 16 bits, the first byte the higher; and the occlusion (h, w), UNKNOWN where it must
-    stay so. A point is HIDDEN where a facet that one of the four rendered pixels around it shows is at its place,
-    BEFORE it.
+    later (h', w') and facets: what was rendered later, with its `bordered` cells. out: filtered rows (h, 1 + 6 w) of a
+    PNG file, residuals against the row above of u v known in 16 bits, the first byte the higher; and the occlusion
+    (h, w), UNKNOWN where it must stay so. A point is HIDDEN where a facet that one of the four rendered pixels around
+    it shows is at its place, BEFORE it.
     """
     codes, occlusion = out
     scratch.codes[1] = 0
+    rendered = scratch.later if _is_rendered(lens) else scratch.rendered
     for i in range(occlusion.shape[0]):
-        carry(shown, motions, i, scratch)
-        project(lens, i, scratch)
+        _carry_divided(shown, motions, i, scratch)
+        _project(lens, i, scratch)
         _code(scratch, i, occlusion[i], codes[i])
-        _hide(shown, seen, facets, i, scratch, occlusion[i])
+        hide(shown, later, facets, i, (rendered, scratch), occlusion[i])
+
+
+@compiled
+def _is_rendered(lens: Any) -> bool:
+    """Whether the camera is the pinhole that was rendered."""
+    cam, pinhole = lens.camera, lens.pinhole
+    same = bool(cam[4] == 0.0)
+    for k in range(pinhole.size):
+        same &= cam[k] == pinhole[k]
+    return same
 
 
 @compiled
@@ -158,8 +160,45 @@ def carry(shown: Any, motions: Any, i: int, scratch: Any) -> None:
         places[0, j], places[1, j] = shown.places[i, j, 0], shown.places[i, j, 1]
     for axis in range(3):
         _carry_axis(motions.camera_from_place[0, axis], places[0], places[1], near, points[axis])
-    if any_between(shown.rows[i], motions.moving[0], motions.moving[1]):
+    if _any_moves(shown, motions, i):
         _carry_movers(shown.rows[i], motions, near, places, points)
+
+
+@compiled
+def _any_moves(shown: Any, motions: Any, i: int) -> bool:
+    """Whether row i shows anything that moves."""
+    some = motions.camera_from_place.shape[0] > 1
+    return some and any_between(shown.rows[i], motions.moving[0], motions.moving[1])
+
+
+@compiled
+def _carry_divided(shown: Any, motions: Any, i: int, scratch: Any) -> None:
+    """Points as by `carry`, whose first two coordinates are divided by the third."""
+    points, near, a = scratch.points, shown.near[i], motions.camera_from_place[0]
+    if shown.places.shape[1] or _any_moves(shown, motions, i):
+        carry(shown, motions, i, scratch)
+        for axis in range(2):
+            _divide(points[axis], points[2])
+    else:
+        _carry_row(a[2], scratch.columns, float(i), near, points[2])
+        for axis in range(2):
+            _carry_row_divided(a[axis], scratch.columns, float(i), near, points[2], points[axis])
+
+
+@compiled
+def _carry_row(a: Any, u: Any, v: float, near: Any, out: Any) -> None:
+    """As by `_carry_axis` of places in one row."""
+    first, second, rest, by_nearness = a[0], a[1] * v, a[2], a[3]
+    for j in range(out.size):
+        out[j] = first * u[j] + second + rest + by_nearness * near[j]
+
+
+@compiled
+def _carry_row_divided(a: Any, u: Any, v: float, near: Any, by: Any, out: Any) -> None:
+    """The same, divided by others."""
+    first, second, rest, by_nearness = a[0], a[1] * v, a[2], a[3]
+    for j in range(out.size):
+        out[j] = (first * u[j] + second + rest + by_nearness * near[j]) / by[j]
 
 
 @compiled
@@ -194,12 +233,15 @@ def _carry_movers(rows: Any, motions: Any, near: Any, places: Any, points: Any) 
 
 
 @compiled
-def project(lens: Any, i: int, scratch: Any) -> None:
-    """Places of the points of row i in the later images, and whether their flow is known and fits into the files."""
+def _project(lens: Any, i: int, scratch: Any) -> None:
+    """Places of the points of row i in the later images, and whether their flow is known and fits into the files.
+
+    Those in the rendered image only where it is another one than the camera's.
+    """
     cam, pinhole, points, later = lens.camera, lens.pinhole, scratch.points, scratch.later
     for axis in range(2):
-        _divide(points[axis], points[2])
-        _scale(points[axis], pinhole[axis], pinhole[axis + 2], scratch.rendered[axis])
+        if not _is_rendered(lens):
+            _scale(points[axis], pinhole[axis], pinhole[axis + 2], scratch.rendered[axis])
         _scale(points[axis], cam[axis], cam[axis + 2], later[axis])
     if cam[4] != 0.0:
         for j in range(later.shape[1]):
@@ -232,9 +274,8 @@ def _code(scratch: Any, i: int, occlusion: Any, out: Any) -> None:
     known, codes, above, words = scratch.known, scratch.codes[i % 2], scratch.codes[1 - i % 2], scratch.words
     for j in range(known.size):
         known[j] &= np.uint8(occlusion[j] != UNKNOWN)
-    _code_axis(scratch.later[0], scratch.columns, known, codes[0])
-    _scale(scratch.columns, 0.0, float(i), scratch.places[1])
-    _code_axis(scratch.later[1], scratch.places[1], known, codes[1])
+    _code_axis(scratch.later[0], scratch.columns, (1.0, 0.0), known, codes[0])
+    _code_axis(scratch.later[1], scratch.columns, (0.0, float(i)), known, codes[1])
     for j in range(known.size):
         codes[2, j] = np.uint16(known[j]) << np.uint16(8)
     for k in range(3):
@@ -255,91 +296,13 @@ def _leave_residuals(codes: Any, above: Any) -> None:
 
 
 @compiled
-def _code_axis(later: Any, here: Any, known: Any, out: Any) -> None:
-    """Numbers (w,) of a component of the flow in the files, their first byte the higher."""
+def _code_axis(later: Any, columns: Any, here: Any, known: Any, out: Any) -> None:
+    """Numbers (w,) of a component of the flow in the files, their first byte the higher.
+
+    here: how much a pixel's own place is per column, and in the first one.
+    """
+    step, begin = here
     for j in range(out.size):
-        units = np.int32(np.rint((later[j] - here[j]) * FLOW_UNITS_PER_PX)) + np.int32(FLOW_ZERO)
+        units = np.int32(np.rint((later[j] - (step * columns[j] + begin)) * FLOW_UNITS_PER_PX)) + np.int32(FLOW_ZERO)
         swapped = ((units >> 8) & 255) | ((units & 255) << 8)
         out[j] = np.uint16(swapped if known[j] else 0)
-
-
-@compiled
-def _hide(shown: Any, seen: Any, facets: Any, i: int, scratch: Any, occlusion: Any) -> None:
-    """Occlusion (w,) of row i, UNKNOWN where no flow is known."""
-    h, w = shown.rows.shape
-    later, rendered, first, rows = scratch.later, scratch.rendered, scratch.first, shown.rows[i]
-    for j in range(w):
-        u, v = later[0, j], later[1, j]
-        inside = (u >= -0.5) & (u <= w - 0.5) & (v >= -0.5) & (v <= h - 0.5)
-        occlusion[j] = np.uint8((SEEN if inside else OUTSIDE) if scratch.known[j] else UNKNOWN)
-    _first_of_two(rendered[0], occlusion, seen.shape[1], first[0])
-    _first_of_two(rendered[1], occlusion, seen.shape[0], first[1])
-    for k in range(_list_others(seen, first, rows, occlusion, scratch.listed)):
-        j = scratch.listed[k]
-        near = shown.near[i, j] / scratch.points[2, j]
-        if _is_behind(seen, facets, rows[j], (rendered[0, j], rendered[1, j]), near):
-            occlusion[j] = HIDDEN
-
-
-@compiled
-def _first_of_two(values: Any, occlusion: Any, size: int, out: Any) -> None:
-    """The first of the two pixels about values (w,) of points that are SEEN, within 0 .. size - 2; 0 of others."""
-    last = np.float64(size - 2)
-    for j in range(out.size):
-        first = min(max(np.floor(values[j]), 0.0), last)
-        out[j] = np.int32(first if occlusion[j] == SEEN else 0.0)
-
-
-@compiled
-def _list_others(seen: Any, first: Any, rows: Any, occlusion: Any, listed: Any) -> int:
-    """List the columns of points that are SEEN where a pixel of the four about them shows another facet; how many.
-
-    Without a branch, which would often be mispredicted.
-    """
-    facets, width, count = seen.reshape(-1), np.int32(seen.shape[1]), np.uint64(0)
-    for j in range(rows.size):
-        first[0, j] += width * first[1, j]
-    below = np.uint64(width)
-    for j in range(np.uint64(rows.size)):
-        listed[count] = j
-        at, row = np.uint64(first[0, j]), rows[j]
-        other = (facets[at] != row) | (facets[at + np.uint64(1)] != row)
-        other |= (facets[at + below] != row) | (facets[at + below + np.uint64(1)] != row)
-        count += np.uint64(other & (occlusion[j] == SEEN))
-    return int(count)
-
-
-@inlined
-def _is_behind(seen: Any, facets: Any, row: Any, place: Any, near: float) -> bool:
-    """Whether a facet that one of the four rendered pixels around a place, px, shows is at that place before a point's.
-
-    near: the inverse depth of the point there, 1/m. Beyond the image its first or last pixels count.
-    """
-    u, v = place
-    column, line = int(np.floor(u)), int(np.floor(v))
-    left, right = _clipped(column, seen.shape[1]), _clipped(column + 1, seen.shape[1])
-    top, bottom = _clipped(line, seen.shape[0]), _clipped(line + 1, seen.shape[0])
-    outlines = facets.outlines
-    for facet in (seen[top, left], seen[top, right], seen[bottom, left], seen[bottom, right]):
-        if (facet < 0) | (facet == row):
-            continue
-        if np.isnan(outlines[facet, 3, 2]):
-            ready(facets, facet)
-        if near < (1 - BEFORE) * nearness(outlines, facet, u, v) and _covers(outlines, facet, u, v):
-            return True
-    return False
-
-
-@inlined
-def _covers(outlines: Any, facet: Any, u: float, v: float) -> bool:
-    """Whether a facet is at a place in the image."""
-    inside = True
-    for i in range(3):
-        inside &= outlines[facet, i, 0] * u + outlines[facet, i, 1] * v + outlines[facet, i, 2] >= 0.0
-    return inside
-
-
-@compiled
-def _clipped(place: int, size: int) -> Any:
-    """A place within 0 .. size - 1, without a sign."""
-    return np.uint64(min(max(place, 0), size - 1))

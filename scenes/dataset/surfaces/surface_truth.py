@@ -29,6 +29,7 @@ from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.image_files import put_file
 from uavbench.scenes.png.encoder import png, png_of_filtered
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
+from uavbench.scenes.rendering.antialiasing.outlines import Pixels
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, Geometry, pixel_grid
 from uavbench.scenes.rendering.facets import NONE
 from uavbench.scenes.rendering.renderer import Renderer
@@ -47,11 +48,11 @@ TANGENTS, DIRECTIONS, WIDEST = 256, 64, 1.5
 
 @dataclass(frozen=True, eq=False)
 class SurfaceView:
-    """What the pixels of a camera show at one time; seen (h', w'): facets in the pinhole's image."""
+    """What the pixels of a camera show at one time; seen (h', w'): what those of the pinhole's image do."""
 
     time_ns: int
     cam_from_world: Pose
-    seen: NDArray[np.int32]
+    seen: Pixels
     shown: Shown
 
 
@@ -82,14 +83,14 @@ class SurfaceTruth:
     def view(self, time_ns: int) -> SurfaceView:
         """Facets and inverse depths of all pixels at a time in ns."""
         pose, pinhole = self._source.cam_from_world(time_ns), self._source.pinhole
-        seen = self._renderer.facets_seen(pose, pinhole, time_ns * 1e-9)
+        seen = self._renderer.pixels_seen(pose, pinhole, time_ns * 1e-9)
         facets = self._renderer.facet_table(pose, pinhole, time_ns * 1e-9)
         background = 0.0 if self._renderer.facets.has_sky else np.nan
         shown = Shown(np.empty(self._size, dtype=np.int32), np.empty(self._size), self._places)
         if self._source.lens is None:
-            trace_centres(seen, facets, self._tried, background, shown.rows, shown.near)
+            trace_centres(seen.facets, facets, self._tried, background, shown.rows, shown.near)
         else:
-            trace(seen, self._places, facets, self._tried, background, shown.rows, shown.near)
+            trace(seen.facets, self._places, facets, self._tried, background, shown.rows, shown.near)
         return SurfaceView(time_ns, pose, seen, shown)
 
     def geometry(self, view: SurfaceView) -> Geometry:
@@ -122,7 +123,8 @@ class SurfaceTruth:
             if count := list_doubtful(view.shown, motions, self._widest, self._scratch, points, pixels):
                 column, row = pixels[:count][~self._met_again(points[:count])].T
                 out.occlusion[row, column] = UNKNOWN
-        flow_rows(view.shown, motions, self._lens, later.seen, self._facets(later), self._scratch, tuple(out))
+        image = later.seen.facets, later.seen.bordered
+        flow_rows(view.shown, motions, self._lens, image, self._facets(later), self._scratch, tuple(out))
         return out
 
     def _facets(self, view: SurfaceView) -> FacetTable:

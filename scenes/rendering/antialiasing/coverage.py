@@ -16,13 +16,22 @@ from uavbench.trajectories.pose import Array
 BESIDE = 2
 """Row of `BorderRows` of the borders between a pixel and the next one in its row; 0 and 1 are those between rows."""
 
+CELL_ROWS, CELL_COLUMNS = 8, 16
+"""Size in px of the cells of which is known whether they have borders."""
+
+
+def cells(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns of the cells of an image of a size in px."""
+    return -(-height // CELL_ROWS), -(-width // CELL_COLUMNS)
+
 
 class BorderRows(NamedTuple):
     """Scratch: the borders, see `Border`, of a row of w pixels with the rows above and below it, and within it.
 
     places (3, w, 2), 0.5 where there is no border; between (3, w); mixed (3, w'), in whole words of bytes: 1 for the
     pixels of this row and the next that have any, else 0, and a row of 0; columns (h, w) of some pixels of each row, of
-    which counts (h,) are listed.
+    which counts (h,) are listed; bordered: 1 for the `cells` with a pixel that a border divides from the next one in
+    its row or from the one below, else 0: the others show one plane, or none.
     """
 
     places: Array
@@ -30,16 +39,17 @@ class BorderRows(NamedTuple):
     mixed: NDArray[np.uint8]
     columns: NDArray[np.uint16]
     counts: Rows
+    bordered: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, height: int, width: int) -> "BorderRows":
-        """Scratch for an image of a size in px."""
+    def of(cls, height: int, width: int, bordered: NDArray[np.uint8]) -> "BorderRows":
+        """Scratch for an image of a size in px, and the array of its cells."""
         places, between = np.full((3, width, 2), 0.5), np.empty((3, width), dtype=np.int64)
         columns, counts = np.empty((height, width), dtype=np.uint16), np.empty(height, dtype=np.int64)
-        return cls(places, between, np.zeros((3, -(-width // BITS) * BITS), dtype=np.uint8), columns, counts)
+        return cls(places, between, np.zeros((3, -(-width // BITS) * BITS), dtype=np.uint8), columns, counts, bordered)
 
 
-BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! h2! i1!")
+BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! h2! i1! u2!")
 
 
 @compiled("u3 j2 facets i1! rows u3!", allocates=False, facets=FACET_TABLE, rows=BORDER_ROWS)
@@ -51,6 +61,7 @@ def antialias(color: Any, shown: Any, facets: Any, seen: Any, rows: Any, out: An
     last pixel that shows it.
     """
     _list_unlike(shown, seen, rows)
+    rows.bordered[:] = 0
     for v in range(out.shape[0]):
         _find_borders(shown, facets, v, seen, rows)
         _mix(color, v, seen, rows, out)
@@ -79,6 +90,7 @@ def _find_borders(shown: Any, facets: Any, v: int, seen: Any, rows: Any) -> None
     h, w = shown.shape
     places, between = rows.places, rows.between
     below, now, then = 1 - v % 2, rows.mixed[v % 2], rows.mixed[1 - v % 2]
+    bordered = rows.bordered[v // CELL_ROWS]
     for k in range(rows.counts[v]):
         u = int(rows.columns[v, k])
         here = int(shown[v, u])
@@ -86,12 +98,12 @@ def _find_borders(shown: Any, facets: Any, v: int, seen: Any, rows: Any) -> None
         down = int(shown[v + 1, u]) if v + 1 < h else here
         seen[here + 1] = (h - 1 - v) * w + u
         if right != here and not one_surface(facets, here, right, u + 0.5, float(v)):
-            now[u] = now[u + 1] = 1
+            now[u] = now[u + 1] = bordered[u // CELL_COLUMNS] = 1
             ready(facets, here)
             ready(facets, right)
             places[BESIDE, u, 0], places[BESIDE, u, 1], between[BESIDE, u] = borders(facets, here, right, u, v, 0)
         if down != here and not one_surface(facets, here, down, float(u), v + 0.5):
-            now[u] = then[u] = 1
+            now[u] = then[u] = bordered[u // CELL_COLUMNS] = 1
             ready(facets, here)
             ready(facets, down)
             places[below, u, 0], places[below, u, 1], between[below, u] = borders(facets, here, down, u, v, 1)

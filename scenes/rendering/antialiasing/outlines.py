@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.antialiasing.border_kernels import find_smooth, number_planes
-from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, part_numbers
+from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, cells, part_numbers
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import Facets
@@ -35,10 +35,14 @@ class Moment(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """What a view shows at pixel centres: facets (h, w), -1 for the background, with their depths and instances."""
+    """What a view shows at pixel centres: facets (h, w), -1 for the background, with their depths and instances.
+
+    bordered: of each cell of the image, see `BorderRows`; 1 for all before the image is antialiased.
+    """
 
     facets: NDArray[np.int32]
     geometry: Geometry
+    bordered: NDArray[np.uint8]
 
 
 class Outlines:
@@ -56,11 +60,16 @@ class Outlines:
         self._instance = np.concatenate([[0], facets.instances]).astype(np.uint8)
         self._moment: Moment | None = None
 
-    def image(self, color: NDArray[np.uint8], rows: NDArray[np.int32], moment: Moment) -> NDArray[np.uint8]:
-        """Antialiased image (h, w, 3) BGR of the colours and facets rendered at pixel centres, see `antialias`."""
+    def image(self, color: NDArray[np.uint8], pixels: "Pixels", moment: Moment) -> NDArray[np.uint8]:
+        """Antialiased image (h, w, 3) BGR of the colours and facets rendered at pixel centres, see `antialias`.
+
+        It finds which cells of the pixels are bordered.
+        """
         table = self.table(moment)
         out = np.asarray(cv2.flip(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), 0), dtype=np.uint8)
-        antialias(color, rows, table, self._seen, BorderRows.of(*color.shape[:2]), out)
+        antialias(
+            color, pixels.facets, table, self._seen, BorderRows.of(len(color), color.shape[1], pixels.bordered), out
+        )
         return out
 
     def table(self, moment: Moment) -> FacetTable:
@@ -80,7 +89,7 @@ class Outlines:
         """What was rendered at pixel centres, of numbers (h, w, 2) as read back: see `part_numbers`."""
         size = numbers.shape[:2]
         geometry = Geometry(np.empty(size, dtype=np.float32), np.empty(size, dtype=np.uint8))
-        pixels = Pixels(np.empty(size, dtype=np.int32), geometry)
+        pixels = Pixels(np.empty(size, dtype=np.int32), geometry, np.ones(cells(*size), dtype=np.uint8))
         part_numbers(numbers, self._instance, pixels.facets, *geometry)
         return pixels
 
