@@ -10,6 +10,8 @@ MODULUS = 65521
 """Greatest prime below 2 ** 16."""
 PART = 5504
 """Bytes after which the sums are reduced: those of their products with their places stay below 2 ** 32."""
+PLACES = np.arange(PART, dtype=np.int16)
+"""Places as numbers of 16 bits, of which processors multiply twice as many at once as of counted ones."""
 
 
 @compiled("u1", allocates=False)
@@ -28,8 +30,7 @@ def adler32(data: Any) -> int:
 def _sums(part: Any) -> tuple[int, int, int]:
     """Sum of at most PART bytes, that of each times its place, and their number, in 32 bits."""
     total, placed = np.uint32(0), np.uint32(0)
-    for place in range(part.size):
-        value = np.uint32(part[place])
-        total = np.uint32(total + value)
-        placed = np.uint32(placed + np.uint32(value * np.uint32(place)))
+    for k in range(part.size):
+        total = np.uint32(total + np.uint32(part[k]))
+        placed = np.uint32(placed + np.uint32(np.int32(part[k]) * np.int32(PLACES[k])))
     return int(total), int(placed), part.size

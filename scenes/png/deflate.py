@@ -61,7 +61,7 @@ def deflate(data: Any, distance: int, out: Any) -> int:
     places = np.empty(BLOCK + AT_ONCE, dtype=np.int64)
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
-    words, bits = np.zeros(TOKENS, dtype=np.uint64), np.zeros(TOKENS, dtype=np.int64)
+    words, bits = np.zeros(TOKENS, dtype=np.uint64), np.zeros(TOKENS, dtype=np.uint64)
     at = 0
     for start in range(0, data.size, BLOCK):
         stop = min(start + BLOCK, data.size)
@@ -74,7 +74,7 @@ def deflate(data: Any, distance: int, out: Any) -> int:
         at = _put_lengths(out, at, lengths, _distance(distance).code)
         _stream_words(lengths, symbol_codes, _distance(distance), words, bits)
         at = _put_tokens(out, at, tokens[:number], words, bits)
-        at = _put(out, at, words[END], bits[END])
+        at = _put(out, at, words[END], np.int64(bits[END]))
     return at
 
 
@@ -161,7 +161,7 @@ def _stream_words(lengths: Any, symbol_codes: Any, distance: Any, words: Any, bi
 
 
 @compiled
-def _put_lengths(out: Any, at: int, lengths: Any, distance_code: int) -> int:
+def _put_lengths(out: Any, at: int, lengths: Any, distance_code: int) -> Any:
     """Write the lengths of all codes, with one distance code of one bit (section 3.2.7); returns the next bit."""
     at = _put(out, at, SYMBOLS - 257, 5)
     at = _put(out, at, distance_code, 5)
@@ -183,7 +183,7 @@ def _put_lengths(out: Any, at: int, lengths: Any, distance_code: int) -> int:
 
 
 @compiled
-def _put(out: Any, at: int, word: int, count: int) -> int:
+def _put(out: Any, at: int, word: int, count: Any) -> Any:
     """Write the lowest `count` bits of a word, whose other bits are 0, at bit `at`; returns the next bit."""
     k, shift = at >> 6, at & 63
     if shift == 0:
@@ -195,38 +195,38 @@ def _put(out: Any, at: int, word: int, count: int) -> int:
     return at + count
 
 
-@compiled("w1! i0 h1 w1 i1", inner=True, allocates=False)
+@compiled("w1! i0 h1 w1 w1", inner=True, allocates=False)
 def _put_tokens(out: Any, at: Any, tokens: Any, words: Any, bits: Any) -> Any:
     """Write the bit patterns of all tokens, as `_put` with the current output word buffered; returns the next bit.
 
-    Six at once where they have fewer bits than a word, which most have, else two times three.
+    Eight at once where they have fewer bits than a word, as most have, else one by one.
     """
     k, fill = np.uint64(at >> 6), np.uint64(at & 63)
     buffer = out[k] if fill else np.uint64(0)
-    whole, three = tokens.size - tokens.size % 6, np.uint64(3)
-    for i in range(np.uint64(0), np.uint64(whole), np.uint64(6)):
-        word, count = _three(tokens, i, words, bits)
-        further, more = _three(tokens, i + three, words, bits)
+    whole, four, eight = tokens.size - tokens.size % 8, np.uint64(4), np.uint64(8)
+    for i in range(np.uint64(0), np.uint64(whole), eight):
+        word, count = _four(tokens, i, words, bits)
+        further, more = _four(tokens, i + four, words, bits)
         if count + more < np.uint64(BITS):
             k, fill, buffer = _append(out, k, fill, buffer, word | (further << count), count + more)
         else:
-            k, fill, buffer = _append(out, k, fill, buffer, word, count)
-            k, fill, buffer = _append(out, k, fill, buffer, further, more)
+            for j in range(i, i + eight):
+                k, fill, buffer = _append(out, k, fill, buffer, words[tokens[j]], bits[tokens[j]])
     if fill:
         out[k] = buffer
     at = np.int64(np.uint64(64) * k + fill)
     for i in range(whole, tokens.size):
-        at = _put(out, at, words[tokens[i]], bits[tokens[i]])
+        at = _put(out, at, words[tokens[i]], np.int64(bits[tokens[i]]))
     return at
 
 
 @compiled
-def _three(tokens: Any, i: Any, words: Any, bits: Any) -> tuple[Any, Any]:
-    """The bit pattern of three tokens, and its number of bits."""
-    first, second, third = tokens[i], tokens[i + np.uint64(1)], tokens[i + np.uint64(2)]
-    one, two = np.uint64(bits[first]), np.uint64(bits[second])
-    count = one + two
-    return words[first] | (words[second] << one) | (words[third] << count), count + np.uint64(bits[third])
+def _four(tokens: Any, i: Any, words: Any, bits: Any) -> tuple[Any, Any]:
+    """The bit pattern of four tokens, if they have fewer bits than a word, and how many they have."""
+    a, b, c, d = tokens[i], tokens[i + np.uint64(1)], tokens[i + np.uint64(2)], tokens[i + np.uint64(3)]
+    one, two = bits[a], bits[a] + bits[b]
+    three = two + bits[c]
+    return words[a] | (words[b] << one) | (words[c] << two) | (words[d] << three), three + bits[d]
 
 
 @compiled

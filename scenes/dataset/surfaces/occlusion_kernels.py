@@ -48,7 +48,7 @@ def _first_of_two(values: Any, occlusion: Any, size: int, out: Any) -> None:
         out[j] = np.int32(first if occlusion[j] == SEEN else 0.0)
 
 
-@compiled
+@inlined
 def _list_others(image: Any, plane: Any, first: Any, row: Any, occlusion: Any, listed: Any) -> int:
     """List the columns of points that are SEEN where a pixel of the four about them shows another facet; how many.
 
@@ -70,7 +70,7 @@ def _list_others(image: Any, plane: Any, first: Any, row: Any, occlusion: Any, l
     return int(count)
 
 
-@compiled
+@inlined
 def _in_one_plane(image: Any, plane: Any, first: Any, rows: Any, begin: Any) -> bool:
     """Whether a group of pixels shows one plane, as do all pixels about their places, by the cells that hold these."""
     seen, bordered = image
