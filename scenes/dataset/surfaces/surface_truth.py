@@ -135,7 +135,7 @@ class SurfaceTruth:
         """Motions of what rests, and of what moves if any of it is in view."""
         pinhole, world_from_cam, drawn = self._source.pinhole, view.cam_from_world.inverse(), self._renderer.facets
         steps, moving = [Pose.identity()], drawn.moving
-        if any_between(view.shown.rows.reshape(-1), moving[0], moving[1]):
+        if drawn.movers and any_between(view.shown.rows.reshape(-1), moving[0], moving[1]):
             steps += drawn.steps(view.time_ns * 1e-9, later.time_ns * 1e-9)
         ray_from_place = np.eye(4)
         ray_from_place[:2, :3] = [
