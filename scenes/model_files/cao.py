@@ -151,24 +151,24 @@ def _piece(piece: Piece, work: FaceWork) -> Loaded:
     """Triangle mesh of the rows of one file, in its own frame."""
     path, rows = piece.path, iter(piece.rows)
 
-    def numbers(what: str) -> list[str]:
+    def numbers(what: str) -> tuple[int, list[str]]:
         number, row = next(rows, (0, ""))
         if not row:
             raise UserError(f"{path}: ends before its {what}; a CAO model has points, lines, faces, cylinders, circles")
         try:
-            return [str(number), *_values(row)]
+            return number, _values(row)
         except ValueError:
             raise UserError(f"{path}: line {number}: expected numbers for the {what}, got {row!r}") from None
 
     def block(what: str, count: int | None = None) -> list[list[str]]:
         if count is None:
-            line, *values = numbers(what)
-            count = _count(path, int(line), what, values)
-        return [numbers(what)[1:] for _ in range(count)]
+            line, values = numbers(what)
+            count = _count(path, line, what, values)
+        return [numbers(what)[1] for _ in range(count)]
 
     def indices(what: str, rows: list[list[str]]) -> list[list[int]]:
         try:
-            return [[_whole(word) for word in row] for row in rows]
+            return [list(map(_whole, row)) for row in rows]
         except ValueError as error:
             raise UserError(f"{path}: the {what} take whole numbers: {error}") from None
 
@@ -244,18 +244,18 @@ def _rows(path: Path) -> Iterator[tuple[int, str]]:
 
 def _values(row: str) -> list[str]:
     """Numbers of a row, without ViSP's trailing options (name=..., minLineLengthThreshold=...)."""
-    values = OPTION.sub(" ", row).split()
-    for word in values:
-        if not abs(plain_number(word)) <= LARGEST_COORDINATE_M:
-            raise ValueError(f"{word} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
+    values = (OPTION.sub(" ", row) if "=" in row else row).split()
+    if not all(abs(plain_number(word)) <= LARGEST_COORDINATE_M for word in values):
+        raise ValueError(f"a number is not finite, or beyond {LARGEST_COORDINATE_M:g}")
     return values
 
 
 def _whole(word: str) -> int:
     """Integer from text, where ViSP also accepts `4.0`; ValueError when it is not an integer."""
-    if not float(word).is_integer():
+    value = float(word)
+    if not value.is_integer():
         raise ValueError(f"{word} is not a whole number")
-    return int(float(word))
+    return int(value)
 
 
 def _index(word: str) -> int:
