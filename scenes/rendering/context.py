@@ -8,6 +8,7 @@ import OpenGL or pyrender before `context()` has run.
 import ctypes
 import ctypes.util
 import functools
+import importlib.util
 import os
 import sys
 import types
@@ -122,6 +123,7 @@ def _make(kind: str) -> Any:
     if not hasattr(np, "infty"):
         setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
     _without_viewer()
+    _without_scenes()
     from OpenGL.plugins import FormatHandler
 
     arguments = FormatHandler.by_name("ctypesparameter")
@@ -145,6 +147,24 @@ def _without_viewer() -> None:
     viewer = types.ModuleType("pyrender.viewer")
     setattr(viewer, "Viewer", None)  # noqa: B010  (the name that pyrender's __init__ asks for)
     sys.modules.setdefault(viewer.__name__, viewer)
+
+
+def _without_scenes() -> None:
+    """Keep pyrender from importing its scenes before one is asked for: their trimesh and SciPy take 0.5 s."""
+    spec = importlib.util.find_spec("pyrender")
+    if "pyrender" in sys.modules or spec is None or spec.loader is None:
+        return
+    package, loader = importlib.util.module_from_spec(spec), spec.loader
+
+    def whole(name: str) -> Any:
+        if name.startswith("__") and name not in ("__all__", "__version__"):
+            raise AttributeError(f"module 'pyrender' has no attribute {name!r}")
+        vars(package).pop("__getattr__", None)
+        loader.exec_module(package)
+        return getattr(package, name)
+
+    setattr(package, "__getattr__", whole)  # noqa: B010  (a module's, PEP 562)
+    sys.modules[spec.name] = package
 
 
 def _make_hashable() -> None:

@@ -76,7 +76,7 @@ class Mesh:
     """Vertices of a part on the GPU, as a pyrender primitive; lit when some of its faces may face the lamp."""
 
     def __init__(self, GL: Any, part: Part, texture: int, lit: bool) -> None:
-        from pyrender import Primitive
+        from pyrender.primitive import Primitive
 
         self._gl, self.part, self.texture, self.lit = GL, part, texture, lit
         positions, normals, uv, tint, indices = _corners(part)

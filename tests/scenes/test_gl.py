@@ -74,6 +74,21 @@ def test_the_platform_asked_for_is_the_one_used(platform: str) -> None:
     assert process.stdout.startswith(f"{platform} ")
 
 
+def test_of_pyrender_only_what_is_drawn_with_is_imported_until_more_is_asked_for() -> None:
+    code = """
+import sys
+from uavbench.scenes.rendering import context, gpu
+context.context()
+from pyrender.primitive import Primitive
+assert "trimesh" not in sys.modules
+import pyrender
+assert not hasattr(pyrender, "__wrapped__") and "trimesh" not in sys.modules
+assert pyrender.Primitive is Primitive and pyrender.Mesh and pyrender.__version__
+assert not hasattr(pyrender, "nothing")
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 @with_llvmpipe
 @pytest.mark.parametrize(("shape", "off"), [((64, 128), 0), ((96, 96), 0), ((37, 53), 2), ((100, 140), 2)])
 def test_own_mipmaps_are_those_of_llvmpipe(shape: tuple[int, int], off: int) -> None:
