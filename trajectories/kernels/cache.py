@@ -47,6 +47,8 @@ SETTINGS = Path(".numba_config.yaml")
 """File in the current folder in which numba looks for its settings."""
 _imported: dict[Path, tuple[int, ...]] = {}
 """Source files of imported modules, with their stamps at import."""
+_seen: dict[str, object] = {}
+"""Modules by their names, whose files have been noted or skipped."""
 _noted: set[str | None] = set()
 """Files of the modules that have been noted there or skipped."""
 _finds: list[Find] = []
@@ -152,7 +154,9 @@ def note_imported(_: str) -> None:
 
     A kernel's code dates from its import, its key from its first use; stamps reveal a file that was edited in between.
     """
-    files = {getattr(module, "__file__", None) for module in list(sys.modules.values())} - _noted
+    new = {name: module for name, module in list(sys.modules.items()) if _seen.get(name, sys) is not module}
+    _seen.update(new)
+    files = {getattr(module, "__file__", None) for module in new.values()} - _noted
     _noted.update(files)
     for file in files:
         if isinstance(file, str) and file.endswith(".py") and editable(path := Path(file)):
