@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 from uavbench.bench.inputs.content_hash import code_hash
 from uavbench.bench.inputs.plugin_kernels import written_since_start
 from uavbench.bench.runner.graph import start_worker
-from uavbench.bench.runner.processes import hold_interrupts, in_worker, start_resource_tracker
+from uavbench.bench.runner.processes import hold_interrupts, in_worker, start_resource_tracker, started
 from uavbench.trajectories.errors import UserError
 
 WAIT_FOR_WORKERS_S = 60
 MOST_DEATHS = 2
 """Deaths of workers after which a call is retried: one that another call may have caused, and one more by chance."""
+OF_JOBS = "uavbench.bench.runner.tasks"
+"""Module that imports what jobs need."""
 PACKAGES = ("bench", "reports", "scenes", "tracker", "trajectories")
 
 
@@ -90,9 +92,8 @@ class SpawnPool(Executor):
             self._starter.shutdown()  # last, since workers still running are killed with this thread
 
     def _new_pool(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            self._max_workers, mp_context=self._context, initializer=start_worker, initargs=(self.progress,)
-        )
+        start = (OF_JOBS, start_worker.__module__, start_worker.__name__, self.progress)
+        return ProcessPoolExecutor(self._max_workers, mp_context=self._context, initializer=started, initargs=start)
 
     def _fill_soon(self) -> None:
         if not self._closed:

@@ -1,5 +1,6 @@
 """The pool of spawned workers: a worker that dies costs the job that killed it, and no other."""
 
+import gc
 import json
 import os
 import signal
@@ -39,10 +40,21 @@ class Write:
         write_text(self.marker, json.dumps({"content_hash": content_hash}, indent=1) + "\n", kind="output")
 
 
+def imported():
+    return set(sys.modules)
+
+
 def job(folder, name, deaths=0, needs=()):
     marker = folder / f"{name}.json"
     work = Write(marker, deaths)
     return Job(verb="track", name=name, work=work, marker=marker, content_hash=content_hash(name), needs=needs)
+
+
+def test_a_worker_collects_garbage_but_not_what_it_imported():
+    with local_pool(1) as (pool, _):
+        assert pool.submit(gc.isenabled).result()
+        assert pool.submit(gc.get_freeze_count).result() > 100_000
+        assert "uavbench.bench.runner.tasks" in pool.submit(imported).result()
 
 
 def test_a_worker_that_dies_once_costs_nothing_and_one_that_always_dies_its_own_job_only(tmp_path):
