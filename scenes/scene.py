@@ -37,6 +37,8 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 
 Placed = TypeVar("Placed")
+KEPT = 2
+"""Structures and environments that are cached: a flight is rendered or flown several times, or in two surroundings."""
 SHADE_M = 20.0
 """Radius around a structure, metres, within which the ground occludes ambient light."""
 
@@ -148,14 +150,21 @@ def build_scene(spec: SequenceSpec) -> Scene:
 def _environment(spec: SequenceSpec, bounds: Array) -> BuiltEnvironment:
     """What the environment of a spec builds around a structure of bounds (2, 3) in metres."""
     environment: Any = spec.environment
+    if type(environment) in ENVIRONMENTS.values():
+        return _around(environment, spec.seed, bounds.tobytes())
 
     def build() -> BuiltEnvironment:
         found: BuiltEnvironment = environment.build(bounds.copy(), stream(spec.seed, "environment"))
         return found
 
-    if type(environment) in ENVIRONMENTS.values():
-        return build()
     return same_twice(environment, lambda: own_environment(environment, build()))
+
+
+@lru_cache(maxsize=KEPT)
+def _around(environment: Any, seed: int, bounds: bytes) -> BuiltEnvironment:
+    """The environment of these parameters around bounds (2, 3) float64, cached: trackers fly through the same one."""
+    built: BuiltEnvironment = environment.build(np.frombuffer(bounds).reshape(2, 3), stream(seed, "environment"))
+    return built
 
 
 def _site(spec: SequenceSpec, environment: BuiltEnvironment, built: BuiltStructure) -> BuiltSite | None:
@@ -189,7 +198,7 @@ def _built(spec: SequenceSpec) -> BuiltStructure:
     return _of_parameters(hashable, spec.seed)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=KEPT)
 def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
     """The structure of these parameters, cached because flight and rendering of a sequence both need it."""
     built: BuiltStructure = structure.build(stream(seed, "structure"))

@@ -12,7 +12,7 @@ from uavbench.scenes.clutter.registry import CLUTTER
 from uavbench.scenes.model_files.mesh_checks import closedness
 from uavbench.scenes.primitives.solids import ear_clip
 from uavbench.scenes.renderables import Mover
-from uavbench.scenes.scene import build_scene
+from uavbench.scenes.scene import _environment, build_scene
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structures.as_built import Deviation
 from uavbench.scenes.structures.box import Box
@@ -160,6 +160,24 @@ def test_a_scene_that_was_used_leaves_the_structure_as_it_was() -> None:
         assert one.texture is not None and two.texture is not None and third.texture is not None
         assert np.array_equal(one.texture, two.texture)
         assert third.texture.shape != two.texture.shape  # of one colour, as in a studio
+
+
+@pytest.mark.parametrize("name", ["indoor", "outdoor"])
+def test_a_scene_that_was_used_leaves_its_environment_as_it_was(name: str) -> None:
+    environment, flight = ENVIRONMENTS[name](), FlightSpec(path=HandPilot())
+    spec = SequenceSpec(name="it", seed=4, structure=Box(), environment=environment, flight=flight)
+    scene = build_scene(replace(spec, clutter=(CLUTTER["lookalikes"](density=0.1),)))
+    with scene.renderer(64, 48) as renderer:
+        renderer.color(looking((0.6, -0.7, 0.9), (0.0, 0.0, 0.15)), Camera(64, 48, 60.0, 60.0, 31.5, 23.5))
+    again = _environment(spec, scene.built.structure.bounds)
+    new = environment.build(scene.built.structure.bounds, stream(4, "environment"))
+    other = _environment(replace(spec, seed=5), scene.built.structure.bounds)
+    assert again is _environment(spec, scene.built.structure.bounds)
+    assert again.light == new.light != other.light
+    assert (again.sky is None) == (new.sky is None) and np.array_equal(again.sky, new.sky)
+    for one, two in zip(again.parts, new.parts, strict=True):
+        assert np.array_equal(one.vertices, two.vertices) and np.array_equal(one.texture, two.texture)
+        assert (one.tint is None) == (two.tint is None) and np.array_equal(one.tint, two.tint)
 
 
 def test_clouds_and_sun_change_the_sky_and_the_light() -> None:
