@@ -9,7 +9,7 @@ from uavbench.tracker.robust.fit.unit_weight import PRIOR_VARIANCE, SHARED_PX, U
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
-from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread
+from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread, moved_by
 
 EDGES, KINDS, SHARED = 40, 5, 0.5
 CAMERA = Camera.from_field_of_view(640, 480, horizontal_deg=65.0)
@@ -35,13 +35,15 @@ class Edges:
         pose = np.linalg.inv(self.jacobian.T @ inverse @ self.jacobian)
         return pose, residual - self.jacobian @ (pose @ self.jacobian.T @ inverse @ residual)
 
-    def spread(self, pose, residual, located):
-        sums = FrameSums(
+    def sums(self, residual):
+        return FrameSums(
             self.weight, self.weight[:, None] * self.jacobian, self.weight * residual,
             np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6),
         )  # fmt: skip
-        first = np.arange(EDGES + 1)
-        return edge_spread(sums, self.offsets, self.state, first, located.astype(np.int64), np.zeros(0), pose)
+
+    def spread(self, pose, residual, located):
+        first, steps = np.arange(EDGES + 1), located.astype(np.int64)
+        return edge_spread(self.sums(residual), self.offsets, self.state, first, steps, np.zeros(0), pose)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -54,6 +56,16 @@ def test_the_spread_is_that_of_dense_matrices(seed):
     found = edges.spread(pose, residual, located)
     assert found.chi2 == pytest.approx(r @ inverse @ r, rel=1e-9)
     assert found.freedom == pytest.approx(located.sum() - np.trace(J @ pose @ J.T @ inverse), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_displaced_edges_move_a_fit_as_by_dense_matrices(seed):
+    rng = np.random.default_rng(seed)
+    edges, displaced = Edges(rng), rng.normal(0, 0.3, EDGES)
+    pose, _ = edges.fitted(displaced)
+    moved = moved_by(edges.sums(np.zeros(EDGES)), edges.offsets, edges.state, displaced, pose)
+    expected = pose @ edges.jacobian.T @ np.linalg.solve(edges.covariance, displaced)
+    assert moved == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("true_scale", [0.25, 1.0, 9.0])
@@ -76,6 +88,15 @@ def test_few_edges_change_little_and_an_image_shares_a_shift():
     assert PRIOR_VARIANCE < few.variance < 1.1 * PRIOR_VARIANCE
     assert 0.3 < many.variance < 0.4
     of_fit = np.diag([1e-6, 1e-6, 1e-6, 1e-12, 1e-12, 1e-12])
-    reported = many.covariance(of_fit, CAMERA)
+    reported = many.covariance(of_fit, CAMERA, np.zeros(6))
     turned = (CAMERA.fx * np.sqrt(np.diag(reported - many.variance * of_fit)[3:])).round(9)
     assert turned.tolist() == pytest.approx([SHARED_PX * CAMERA.fx / CAMERA.fy, SHARED_PX, 0.0])
+
+
+def test_what_is_not_known_of_the_blur_counts_along_the_motion_that_it_makes():
+    by_codes = np.array([1e-3, -2e-3, 4e-3, 1e-4, 3e-4, -2e-4])
+    of_fit, weight = np.diag([1e-6, 1e-6, 1e-6, 1e-9, 1e-9, 1e-9]), UnitWeight(0.1)
+    more = weight.covariance(of_fit, CAMERA, by_codes) - weight.covariance(of_fit, CAMERA, np.zeros(6))
+    part = np.random.default_rng(3).uniform(size=200_000)  # any part of the blur is as likely
+    drawn = np.square(part).mean() * np.outer(by_codes, by_codes)
+    assert more == pytest.approx(drawn, rel=0.01)

@@ -96,7 +96,7 @@ class RobustRun:
             self.learn(frame, decision.fit, stamp_ns)
             if not decision.is_open:
                 self.decider.places.add(frame.image, decision.fit.cam_from_world, decision.fit.range_m)
-        return undecided(decision, frame, clock) if decision.is_open else self.tracked(decision.fit, clock)
+        return undecided(decision, frame, clock) if decision.is_open else self.tracked(decision.fit, image, clock)
 
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:
         """Update appearance, patches, biases, motion, usual support and unit weight with the fit of a frame."""
@@ -106,12 +106,13 @@ class RobustRun:
         self.state.learn(frame.predicted, fit, frame.dt_s, stamp_ns)
         self.frames.ok_rows = self.frames.seen_rows
 
-    def tracked(self, fit: Fit, clock: StageClock) -> TrackResult:
+    def tracked(self, fit: Fit, image: Image, clock: StageClock) -> TrackResult:
         """The result of a frame with an accepted pose."""
+        by_codes = self.fitter.moved_by_codes(fit, 1 if image.ndim == 2 else image.shape[2])
         return TrackResult(
             status="ok",
             cam_from_world=fit.cam_from_world,
-            covariance=self.unit_weight.covariance(fit.covariance, self.camera),
+            covariance=self.unit_weight.covariance(fit.covariance, self.camera, by_codes),
             stage_ms=clock.ms,
             control_points=fit.control_points,
             candidates=fit.candidates,

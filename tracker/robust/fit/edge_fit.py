@@ -54,6 +54,7 @@ from uavbench.tracker.robust.fit.stage_kernels import (
     solve_anew,
 )
 from uavbench.tracker.robust.optics.blur import Blur
+from uavbench.tracker.robust.optics.code_blur_kernels import displaced_by_codes
 from uavbench.tracker.robust.optics.colours import Colours
 from uavbench.tracker.robust.optics.sharpening import Sharpening
 from uavbench.tracker.robust.patches.matches import PatchMatches
@@ -63,6 +64,7 @@ from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import refined_pose
+from uavbench.tracker.robust.solver.spread_kernels import moved_by
 from uavbench.tracker.robust.view import AT_ONCE, View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
@@ -298,6 +300,15 @@ class EdgeFitter:
     def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
         """Search lines of control points in a view."""
         return unchecked(search_lines)(points, self.edges.ends, self.edges.inward, view)
+
+    def moved_by_codes(self, fit: Fit, channels: int) -> Array:
+        """Twist (6,) from where a fit is to where it would be if the blur of its image was of the codes."""
+        used = fit.residuals
+        if used is None:
+            return np.zeros(6)
+        points = used.points.rows, used.points.first, used.steps, used.weighting.weight
+        px = unchecked(displaced_by_codes)(*points, self.appearance, self.optics, channels)
+        return np.asarray(unchecked(moved_by)(used.sums, used.edges, self.biases.state, px, fit.covariance))
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""

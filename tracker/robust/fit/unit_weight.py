@@ -17,6 +17,9 @@ edges is 0.2 to 0.5 on 20 rendered flights of boxes, walls and bridges, and the 
 SHARED_PX = 0.01
 """Deviation, in px, of a shift that all of an image shares and no spread shows, as from light that comes from above:
 0.005 to 0.04 px on rendered facades, less on bridges."""
+CODES_PART2 = 1 / 3
+"""Mean square of the part of an image's blur, beyond that of a pixel, that is of its codes, and not of its light as is
+thought: any from none to all is as likely. Not tuned."""
 NOTHING_SEEN = Spread(0.0, 0.0)
 
 
@@ -51,9 +54,13 @@ class UnitWeight:
         freedom = max(0.0, self.spread.freedom)
         return (PRIOR_FREEDOM * PRIOR_VARIANCE + self.spread.chi2) / (PRIOR_FREEDOM + freedom - 2.0)
 
-    def covariance(self, of_fit: Array, camera: Camera) -> Array:
-        """Covariance (6, 6) that is reported of a fit with a covariance: scaled, with the shift of the image."""
-        reported = self.variance * of_fit + 0.0  # no number is a negative zero
+    def covariance(self, of_fit: Array, camera: Camera, by_codes: Array) -> Array:
+        """Covariance (6, 6) that is reported of a fit with a covariance: scaled, with the shift of the image.
+
+        by_codes (6,): twist by which the pose is displaced if the blur of the image is of its codes, which is not told.
+        """
+        reported = self.variance * of_fit + CODES_PART2 * np.outer(by_codes, by_codes)
+        reported += 0.0  # no number is a negative zero
         reported[3, 3] += (SHARED_PX / camera.fy) ** 2
         reported[4, 4] += (SHARED_PX / camera.fx) ** 2
         return reported

@@ -82,6 +82,51 @@ class Spread(NamedTuple):
     freedom: float
 
 
+class MeansOfEdges(NamedTuple):
+    """What mean residuals of edges tell by their covariance: information (6, 6), vector (6,) and sum of squares."""
+
+    information: Array
+    vector: Array
+    squares: float
+
+
+@compiled("sums edges state f1", inner=True, sums=FRAME_SUMS, edges=EDGE_OFFSETS, state=BIAS_STATE)
+def means_of_edges(sums: FrameSums, edges: EdgeOffsets, state: BiasState, residual: Array) -> MeansOfEdges:
+    """What mean residuals (g,) of the edges in view tell, those that are not NaN.
+
+    That of an edge has the variance of its own offset, of what it shares with its kind, and of its points.
+    """
+    count, squares = len(state.kind_prior), 0.0
+    weight, vector, rows, shared_px2 = np.zeros(count), np.zeros(count), np.zeros((count, 6)), np.zeros(count)
+    information, pull = np.zeros((6, 6)), np.zeros(6)
+    S, s = sums.offset_weight, sums.offset_jacobian
+    for g in range(len(S)):
+        if S[g] <= 0.0 or math.isnan(residual[g]):
+            continue
+        a, k = 1.0 / (edges.variance_px2[g] + 1.0 / S[g]), state.kinds[edges.rows[g]]
+        squares += a * residual[g] * residual[g]
+        for i in range(6):
+            pull[i] += a * s[g, i] / S[g] * residual[g]
+            for j in range(6):
+                information[i, j] += a * s[g, i] * s[g, j] / (S[g] * S[g])
+        if k >= 0:
+            signed = a * state.signs[edges.rows[g]]
+            weight[k] += a
+            vector[k] += signed * residual[g]
+            shared_px2[k] = edges.kind_px2[g]
+            for i in range(6):
+                rows[k, i] += signed * s[g, i] / S[g]
+    for k in range(count):
+        if weight[k] > 0.0:  # Sherman & Morrison (1950): what a kind shares is of rank one
+            part = shared_px2[k] / (1.0 + shared_px2[k] * weight[k])
+            squares -= part * vector[k] * vector[k]
+            for i in range(6):
+                pull[i] -= part * rows[k, i] * vector[k]
+                for j in range(6):
+                    information[i, j] -= part * rows[k, i] * rows[k, j]
+    return MeansOfEdges(information, pull, squares)
+
+
 @compiled("sums edges state i1 i1 f1 f2", sums=FRAME_SUMS, edges=EDGE_OFFSETS, state=BIAS_STATE)
 def edge_spread(
     sums: FrameSums,
@@ -94,43 +139,32 @@ def edge_spread(
 ) -> Spread:
     """Spread of the edges in view of which a control point is located between the pixels (steps > 0, of first[g] on).
 
-    The residual of an edge has the variance of its own offset, of what it shares with its kind, and of its points.
     to_numbers (r,): last step of the numbers; covariance (6, 6) of the pose, which takes degrees of freedom.
     """
-    count = len(state.kind_prior)
-    weight, vector, rows, shared_px2 = np.zeros(count), np.zeros(count), np.zeros((count, 6)), np.zeros(count)
-    information, chi2, freedom = np.zeros((6, 6)), 0.0, 0.0
-    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    S, s, d, freedom = sums.offset_weight, sums.offset_jacobian, sums.offset_residual, 0.0
+    residual = np.full(len(S), np.nan)
     for g in range(len(S)):
         located = False
         for p in range(first[g], first[g + 1]):
             located = located or steps[p] > 0
         if S[g] <= 0.0 or not located:
             continue
-        residual = d[g] / S[g]
+        residual[g] = d[g] / S[g]
         for i in range(len(to_numbers)):
-            residual -= s[g, 6 + i] / S[g] * to_numbers[i]
-        a, k = 1.0 / (edges.variance_px2[g] + 1.0 / S[g]), state.kinds[edges.rows[g]]
-        chi2 += a * residual * residual
+            residual[g] -= s[g, 6 + i] / S[g] * to_numbers[i]
         freedom += 1.0
-        for i in range(6):
-            for j in range(6):
-                information[i, j] += a * s[g, i] * s[g, j] / (S[g] * S[g])
-        if k >= 0:
-            signed = a * state.signs[edges.rows[g]]
-            weight[k] += a
-            vector[k] += signed * residual
-            shared_px2[k] = edges.kind_px2[g]
-            for i in range(6):
-                rows[k, i] += signed * s[g, i] / S[g]
-    for k in range(count):
-        if weight[k] > 0.0:  # Sherman & Morrison (1950): what a kind shares is of rank one
-            part = shared_px2[k] / (1.0 + shared_px2[k] * weight[k])
-            chi2 -= part * vector[k] * vector[k]
-            for i in range(6):
-                for j in range(6):
-                    information[i, j] -= part * rows[k, i] * rows[k, j]
+    means = means_of_edges(sums, edges, state, residual)
     for i in range(6):
         for j in range(6):
-            freedom -= information[i, j] * covariance[i, j]
-    return Spread(chi2, freedom)
+            freedom -= means.information[i, j] * covariance[i, j]
+    return Spread(means.squares, freedom)
+
+
+@compiled("sums edges state f1 f2", sums=FRAME_SUMS, edges=EDGE_OFFSETS, state=BIAS_STATE)
+def moved_by(sums: FrameSums, edges: EdgeOffsets, state: BiasState, displaced_px: Array, covariance: Array) -> Array:
+    """Twist (6,) by which displacements (g,) of the edges in view move a fit with a covariance (6, 6)."""
+    means, twist = means_of_edges(sums, edges, state, displaced_px), np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            twist[i] += covariance[i, j] * means.vector[j]
+    return twist
