@@ -77,7 +77,7 @@ def _of_noise(series: Series, contrast: Array, cuts: list[int]) -> Variance:
     drawn = moved.copy()
     drawn[[cut - 1 for cut in cuts]] = False
     counts, squares = drawn.sum(axis=0), (steps**2 * drawn).sum(axis=0) / 2
-    usual = squares.sum() / max(counts.sum(), 1)
+    usual = squares.sum() / max(int(counts.sum()), 1)
     draws = np.vstack([np.zeros(flights, dtype=np.int64), moved.cumsum(axis=0)]) + n * np.arange(flights)
     together = np.bincount(draws.ravel(), weights=np.repeat(contrast, flights), minlength=n * flights)
     own = (squares + USUAL * usual) / (counts + USUAL)

@@ -125,6 +125,6 @@ class Quantization:
 
         def image(stamp_ns: int) -> Radiance | None:
             fine = source.image(stamp_ns)
-            return None if fine is None else np.rint(np.clip(fine, 0, 1) * top) / top
+            return None if fine is None else np.asarray(np.rint(np.clip(fine, 0, 1) * top) / top, dtype=np.float32)
 
         return replace(source, image=image)

@@ -192,7 +192,7 @@ def _halved(image: Texture, axis: int) -> Texture:
     half = max(size // 2, 1)
     at = (np.arange(half) + 0.5) * size / half - 0.5
     first = np.maximum(np.floor(at).astype(int), 0)
-    share = np.expand_dims((at - first).clip(0.0, 1.0), [k for k in range(3) if k != axis])
+    share = (at - first).clip(0.0, 1.0).reshape([-1 if k == axis else 1 for k in range(3)])
     left, right = (np.take(image, np.minimum(k, size - 1), axis).astype(float) for k in (first, first + 1))
     return np.asarray(np.floor(left + share * (right - left) + 0.5), dtype=np.uint8)
 

@@ -6,6 +6,7 @@ the standard deviation is the specified one for any step.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Annotated
@@ -115,4 +116,5 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
 
 def _filtered(noise: Array, decay: float) -> Array:
     """y[k] = noise[k] + decay * y[k - 1]."""
-    return np.fromiter(accumulate(noise.tolist(), lambda y, x: x + decay * y), float, len(noise))
+    filtered: Iterator[float] = accumulate(noise.tolist(), lambda y, x: x + decay * y)
+    return np.fromiter(filtered, np.float64, len(noise))

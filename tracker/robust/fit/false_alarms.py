@@ -159,14 +159,14 @@ def lines_of_edges(R: Array, t: Array, points: Array, first: Indices, apart_rad:
             normals[g, i] = a[j] * b[k] - a[k] * b[j]
         length[g] = math.sqrt(normals[g, 0] ** 2 + normals[g, 1] ** 2 + normals[g, 2] ** 2)
     lines, longest, n = np.empty(edges, dtype=np.int64), np.empty(edges, dtype=np.int64), 0
-    for g in np.argsort(-length, kind="mergesort"):
-        lines[g] = g
+    for edge in np.argsort(-length, kind="mergesort"):
+        lines[edge] = edge
         for each in longest[:n]:
-            if is_on_line(ends[g], ends[each, 0], normals[each], length[each], apart_rad):
-                lines[g] = each
+            if is_on_line(ends[edge], ends[each, 0], normals[each], length[each], apart_rad):
+                lines[edge] = each
                 break
-        if lines[g] == g:
-            longest[n] = g
+        if lines[edge] == edge:
+            longest[n] = edge
             n += 1
     return lines
 

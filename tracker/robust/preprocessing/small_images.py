@@ -31,6 +31,6 @@ def small_image(image: Image) -> Array:
     """A small image (n,) of an image (h, w), blurred, of zero mean and unit length; zeros if it shows nothing."""
     height = max(1, round(WIDTH * image.shape[0] / image.shape[1]))
     small = cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)
-    values = cv2.GaussianBlur(small, (0, 0), BLUR_PX).ravel()
+    values = np.asarray(cv2.GaussianBlur(small, (0, 0), BLUR_PX), dtype=np.float64).ravel()
     values -= values.mean()
     return np.asarray(values / max(float(np.linalg.norm(values)), LEAST_NORM_GREY))

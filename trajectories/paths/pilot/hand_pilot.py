@@ -110,10 +110,10 @@ class Stage:
     def place(self, closeness: float, loftiness: float) -> tuple[float, float]:
         """Distance and height (m) for two preferences in 0..1, such that the whole structure is in view."""
         nearest, furthest = self.range_m
-        for distance in np.linspace(nearest, furthest, 41):  # The nearest distance at which all of it is in view.
-            lowest, highest = self.heights(float(distance))
+        for tried in np.linspace(nearest, furthest, 41).tolist():  # The nearest distance at which all of it is in view.
+            lowest, highest = self.heights(tried)
             if lowest <= highest:
-                nearest = float(distance)
+                nearest = tried
                 break
         distance = furthest - closeness * (furthest - nearest)
         lowest, highest = self.heights(distance)
