@@ -1,11 +1,12 @@
-"""The first pose: in images that do not show the structure, so that none is right, and in the dark."""
+"""The first pose: in images that do not show the structure, so that none is right, in the dark, and far away."""
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, box, flown, pose_error
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, orbit, pose_error
 from uavbench.tracker.robust.tracker import Robust
+from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
 FRAMES = 12
@@ -69,3 +70,15 @@ def test_a_right_initial_pose_is_kept_in_the_dark(seed, contrast, noise_grey):
         result = run.track(dark.clip(0, 255).round().astype(np.uint8), i * 66_666_667)
         assert result.status == "ok"
         assert pose_error(result.cam_from_world, pose)[0] < 0.02
+
+
+@pytest.mark.parametrize(("range_m", "seed"), [(2.0, 3), (3.2, 5)])
+def test_a_pose_that_a_small_structure_tells_too_little_of_is_followed_while_it_is_doubted(range_m, seed):
+    """Otherwise the camera leaves the initial pose, about which it is sought, before it has seen more."""
+    poses = orbit(16, seed=seed, range_m=range_m, speed_m_s=0.5)
+    scene, noise = Scene([box_corners()], seed=seed), np.random.default_rng(seed)
+    away = Pose.exp([0.03 * range_m, -0.02 * range_m, 0.03 * range_m, 0.04, -0.05, 0.03])
+    run = Robust().start(box(), CAMERA, away @ poses[0], np.random.default_rng(0))
+    results = [run.track(scene.render(pose, noise_rng=noise), i * STEP_NS) for i, pose in enumerate(poses)]
+    assert [result.status for result in results[2:]] == ["ambiguous"] * (len(poses) - 2)
+    assert pose_error(results[-1].guess, poses[-1])[0] < range_m / 60

@@ -155,6 +155,10 @@ class TrackState:
         enough = fit.finite and fit.support >= self.config.initialization.min_support
         return enough and fit.log10_false_alarms(SEARCHED_POSES) < 0.0
 
+    def may_follow(self, fit: Fit) -> bool:
+        """Whether a track could go on at a fit with the support of a first one, if nothing had moved."""
+        return fit.finite and fit.support >= self.config.initialization.min_support and fit.chance.whole < SURE
+
     def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
         """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
         loss = self.config.loss

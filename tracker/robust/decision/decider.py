@@ -37,9 +37,9 @@ class Decision(NamedTuple):
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
     well. searched: the fit is that of a pose search. holds: chance would not find as much as was found at a look-alike,
-    from which the surface tells it. is_open: a settled pose that is not told apart (yet) from those around it: it is
-    doubted, or not known well enough. leads: in this frame and the last one that was searched, an unsettled fit leads
-    those at likely poses. contenders: the fits that may be right, where it is not settled.
+    from which the surface tells it, or doubts ask that later. is_open: a settled pose that is not told apart (yet) from
+    those around it: it is doubted, or not known well enough. leads: in this frame and the last one that was searched,
+    an unsettled fit leads those at likely poses. contenders: the fits that may be right, where it is not settled.
     """
 
     fit: Fit
@@ -241,7 +241,8 @@ class Decider:
         self.recalled, work = self.recall(frame, fit), self.fitter.work
         # For a fit where the run may begin again; for those without memory around a doubted pose, or at look-alikes.
         doubted = not (self.doubts.settled or self.config.budget.is_least(frame.step_s))
-        reserve = self.fitter.cost(1) if self.led else work.left // 2 if doubted else self.look_alikes.taken()
+        anew = self.led and not first
+        reserve = self.fitter.cost(1) if anew else work.left // 2 if doubted else self.look_alikes.taken()
         with work.reserved(reserve):
             sought = Sought(
                 frame.image,
@@ -265,6 +266,10 @@ class Decider:
         near = fit.finite and self.relocator.turned.ends_at(fit, found.fit, self.state.range_m)
         searched = unvouched or not (near or (tracked and self.state.is_expected(found.fit, frame.predicted)))
         enough = self.state.holds(found.fit, frame.predicted, searched, not slow, self.recalled.landmarks)
+        leads = found.leads and found.near_done
+        if first and not enough and self.leads_again(leads and self.state.may_follow(found.fit)):
+            self.relocator.forget()  # the camera moves on: doubts ask of later frames whether chance explains it
+            return Decision(found.fit, True, searched=searched, holds=True)
         # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
@@ -289,6 +294,10 @@ class Decider:
         rivalled = rivalled or (enough and found.rivalled) or (tracked and holds and elsewhere)
         if first or not found.near_done:
             return Decision(found.fit, False, rivalled, contenders=found.contenders)
-        leads = found.leads and self.state.may_begin_at(found.fit)
+        led = self.leads_again(leads and self.state.may_begin_at(found.fit))
+        return Decision(found.fit, False, rivalled, leads=led, contenders=found.contenders)
+
+    def leads_again(self, leads: bool) -> bool:
+        """Whether a fit of a complete search leads those at other poses, as one of the last frame searched did."""
         led, self.led = self.led, leads
-        return Decision(found.fit, False, rivalled, leads=led and leads, contenders=found.contenders)
+        return led and leads

@@ -30,7 +30,7 @@ SURE = -3.0
 surely does.
 """
 DOUBT = 0.3
-"""Factor on the support of a fit that chance explains: less than any frame needs, in the order of such fits."""
+"""Factor on the support of a fit that chance explains, and on its lead: less than any frame needs to be `ok`."""
 
 
 class Likely(NamedTuple):
@@ -215,4 +215,9 @@ def is_suspect(fit: Fit) -> bool:
 
 def believed_support(fit: Fit) -> float:
     """Support of a fit in a search; less than any frame needs where a random one of its poses may look as right."""
-    return fit.support * (DOUBT if is_suspect(fit) else 1.0)
+    return fit.support * belief(fit)
+
+
+def belief(fit: Fit) -> float:
+    """Factor on the support of a fit in a search, and on the lead that it has to have."""
+    return DOUBT if is_suspect(fit) else 1.0

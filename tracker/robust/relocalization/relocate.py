@@ -23,6 +23,7 @@ from uavbench.tracker.robust.relocalization.ranking import (
     Contender,
     Ranking,
     Sought,
+    belief,
     believed_support,
     ends_at,
     is_suspect,
@@ -152,9 +153,8 @@ class Relocator:
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking, target), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried)
         usual = ranking.top.support >= sought.sure or (sought.thorough and ranking.is_expected)
-        leads = (
-            self.rivals.trail(ranking, self.tried) if compared.any and usual else self.lead(ranking.top) >= config.lead
-        )
+        least = config.lead * belief(ranking.top)
+        leads = self.rivals.trail(ranking, self.tried) if compared.any and usual else self.lead(ranking.top) >= least
         leads = leads and self.rivals.trail_left(ranking, compared)
         if ranking.top is not sought.first:  # compared before the fits beside it, so that each place counts once
             leads = self.turned.agree(sought, ranking, self.tried) and leads
