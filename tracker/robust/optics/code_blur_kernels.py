@@ -21,9 +21,10 @@ SAMPLES = np.flatnonzero((np.abs(AT) <= REACH) & (np.arange(len(AT)) % (STEPS_PE
 """Places of a step's samples in its tables, half a standard deviation apart."""
 HEIGHTS = STEP[SAMPLES].copy()
 """Height of a step of 1 at the samples."""
-SHIFTS = np.linalg.pinv(np.column_stack([np.ones(len(SAMPLES)), HEIGHTS, -SLOPE[SAMPLES]]))[2].copy()
+BESIDE_LEVEL = SLOPE[SAMPLES] - SLOPE[SAMPLES].mean()
+SHIFTS = -BESIDE_LEVEL / np.square(BESIDE_LEVEL).sum()
 """What light at the samples adds to the shift of the step of height 1 that fits it best, in standard deviations of the
-blur: least squares in its level, its height and its shift."""
+blur: least squares in its level, its height and its shift. About the step the height is odd, the others are even."""
 
 Indices = NDArray[np.int64]
 
