@@ -136,3 +136,18 @@ def test_a_rival_that_the_next_frame_is_to_fit_is_as_good_as_the_pose_that_it_lo
     compared = rivals.fit(sought, ranking, TriedPoses(rivals.searcher))
     assert awaited > 2 and compared.left
     assert {fit.support for fit in compared.left} == {top.support if goes_on else 0.3}
+
+
+def test_the_rivals_of_a_track_take_no_room_from_a_later_search():
+    """A search leaves room for as many as the last search had, not for those that a track was compared with."""
+    fitter = fitter_of(row(15))
+    pose = look_at(np.array([0.0, -RANGE_M, 0.35]), (0.03, 0.0, 0.12))
+    image = Scene(row(15), seed=2).render(pose, noise_rng=np.random.default_rng(3))
+    fitter.begin(0, 1.0)
+    top = fitter.searched(image, pose, isotropic_covariance(0.005, RANGE_M), StageClock())
+    rivals = Relocator(fitter, CAMERA).rivals
+    thorough = Sought(image, [pose], isotropic_covariance(0.2, RANGE_M), RANGE_M, top, thorough=True)
+    fitter.work = Work(fitter.cost(40))
+    assert rivals.fit(thorough, Ranking(thorough, CONFIG.relocalization), TriedPoses(rivals.searcher)).any
+    searched = thorough._replace(thorough=False)
+    assert rivals.awaited(searched, Ranking(searched, CONFIG.relocalization), TriedPoses(rivals.searcher)) == 0

@@ -125,6 +125,11 @@ class TrackState:
         beyond_doubt = searched and not self.is_first and self.is_beyond_doubt(fit, landmarks)
         return enough or beyond_doubt or self.is_there(fit, predicted, recent, poses)
 
+    def stands_alone(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether a fit has the support, or the edges, of one that a search found wherever it may be."""
+        enough = fit.support >= self.required_support(fit, predicted, True) or self.is_beyond_doubt(fit)
+        return fit.finite and enough and not self.is_by_chance(fit, predicted, True)
+
     def log10_searched(self, fit: Fit, landmarks: Sequence[Pose]) -> float:
         """Decimal logarithm of the number of poses among which a search found a fit, no less than those of a fit.
 

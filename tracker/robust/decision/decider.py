@@ -175,8 +175,14 @@ class Decider:
         return replace(kept, edge_support=sure)
 
     def confirmed(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
-        """The fit; after a long extrapolation of motion it is compared with fits at similar-looking poses."""
-        if not self.is_slow(frame):
+        """The fit; where the motion is hardly known it is compared with fits at similar-looking poses.
+
+        That is after a long extrapolation, and before a velocity is known, unless so short a time after the first pose
+        that the frame has the least budget; doubts of it compare poses themselves.
+        """
+        known = self.state.motion.velocity is not None or self.config.budget.is_least(frame.extrapolated_s)
+        begun = not (known or self.state.is_first or self.beginnings.in_doubt)
+        if not (self.is_slow(frame) or begun):
             return Decision(fit, True)
         with clock.stage("relocalize"):
             guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
@@ -274,7 +280,7 @@ class Decider:
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
         # Where a pose is known well, by motion or by what the surface looks like, few are compared with it.
-        known = found.remembered or (found.expected and slow and not first)
+        known = found.remembered or (found.expected and not first and self.is_led(frame, found.fit))
         compared = found.near_done or (found.leads and known)
         settled = not rivalled and (is_sure or found.all_done or (compared and enough))
         if settled or found.all_done:
@@ -296,6 +302,15 @@ class Decider:
             return Decision(found.fit, False, rivalled, contenders=found.contenders)
         led = self.leads_again(leads and self.state.may_begin_at(found.fit))
         return Decision(found.fit, False, rivalled, leads=led, contenders=found.contenders)
+
+    def is_led(self, frame: Frame, fit: Fit) -> bool:
+        """Whether the motion tells that a fit near its prediction is the one: after a long frame interval, where
+        others that look alike were compared with it, or if a search that knew nothing of the motion could find it.
+
+        Before a velocity is known a pose near the last one is no more expected than its neighbours.
+        """
+        moving = self.state.motion.velocity is not None
+        return self.is_slow(frame) or (moving and self.state.stands_alone(fit, frame.predicted))
 
     def leads_again(self, leads: bool) -> bool:
         """Whether a fit of a complete search leads those at other poses, as one of the last frame searched did."""

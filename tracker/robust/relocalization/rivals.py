@@ -118,7 +118,7 @@ class Rivals:
             self.choose(fits, ranking)
             if ranking.top is top:
                 break
-        self.made = len(fits) - 1
+        self.made = self.made if sought.thorough else len(fits) - 1  # for which the next search leaves room
         return compared
 
     def fitted(self, sought: Sought, pose: RigidMotion) -> Fit:
