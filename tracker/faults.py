@@ -8,11 +8,11 @@ from numbers import Integral, Real
 from pathlib import Path
 from traceback import walk_tb
 from types import CodeType, FrameType
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from uavbench.tracker.protocol import Status, TrackResult, is_rotation
+from uavbench.tracker.protocol import STATUSES, TrackResult, is_rotation
 from uavbench.trajectories.errors import UserError, one_line
 from uavbench.trajectories.pose import Pose, read_only
 
@@ -87,8 +87,8 @@ def checked(result: Any) -> TrackResult:
     """
     if not isinstance(result, TrackResult):
         raise ResultError(f"[no-result] track returned {_named(result)}, not a uavbench.tracker.protocol.TrackResult")
-    if result.status not in get_args(Status):
-        raise ResultError(f"[bad-result] the status {result.status!r} is none of {', '.join(get_args(Status))}")
+    if result.status not in STATUSES:
+        raise ResultError(f"[bad-result] the status {result.status!r} is none of {', '.join(STATUSES)}")
     pose, covariance = result.cam_from_world, result.covariance
     if pose is not None and not isinstance(pose, Pose):
         raise ResultError(f"[bad-result] cam_from_world is {_named(pose)}; make it with Pose.from_matrix(...)")

@@ -20,6 +20,7 @@ from uavbench.trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]
 Status = Literal["ok", "ambiguous", "lost", "not_initialized"]
+STATUSES: tuple[str, ...] = get_args(Status)
 ROTATION_ERROR = 1e-3
 """Tolerance of R R^T - I of a rotation, as for the quaternions of external trackers."""
 START_INPUTS: tuple[tuple[type, str], ...] = (
@@ -55,8 +56,8 @@ class TrackResult:
     guess: Pose | None = None
 
     def __post_init__(self) -> None:
-        if self.status not in (known := get_args(Status)):
-            raise ValueError(f"the status {self.status!r} is none of {', '.join(known)}")
+        if self.status not in STATUSES:
+            raise ValueError(f"the status {self.status!r} is none of {', '.join(STATUSES)}")
         if self.status == "ok" and self.cam_from_world is None:
             raise ValueError("the status is ok, and cam_from_world is None: a frame without a pose has the status lost")
         if self.status != "ok" and self.cam_from_world is not None:
@@ -179,13 +180,15 @@ def check_image(image: Image, camera: Camera) -> Image:
 
     ImageError unless it has the camera's size, is grey or BGR, and has 8 bits.
     """
-    wanted = f"({camera.height}, {camera.width}) grey or ({camera.height}, {camera.width}, 3) BGR of type uint8"
+    size = camera.height, camera.width
+    usual = type(image) is np.ndarray and image.dtype == np.uint8 and image.flags.carray
+    if usual and image.shape in (size, (*size, 3)):
+        return image
+    wanted = f"{size} grey or {(*size, 3)} BGR of type uint8"
     if not isinstance(image, np.ndarray) or isinstance(image, np.ma.MaskedArray):
         raise ImageError(f"the image is {type(image).__name__}; give an array {wanted}")
-    if image.shape[:2] != (camera.height, camera.width) or image.shape[2:] not in ((), (3,)):
+    if image.shape[:2] != size or image.shape[2:] not in ((), (3,)):
         raise ImageError(f"the image has the shape {image.shape}; give {wanted}")
     if image.dtype != np.uint8:
         raise ImageError(f"the image has the type {image.dtype}; give {wanted}, values from 0 to 255")
-    if type(image) is np.ndarray and image.flags.carray:
-        return image
     return np.require(np.asarray(image), requirements=["C", "A", "W"])

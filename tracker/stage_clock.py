@@ -1,6 +1,6 @@
 """Wall-clock time of the stages of one frame."""
 
-import time
+from time import perf_counter
 
 
 class Stage:
@@ -12,10 +12,11 @@ class Stage:
         self.ms, self.name = ms, name
 
     def __enter__(self) -> None:
-        self.begin = time.perf_counter()
+        self.begin = perf_counter()
 
     def __exit__(self, *error: object) -> None:
-        self.ms[self.name] = self.ms.get(self.name, 0.0) + (time.perf_counter() - self.begin) * 1e3
+        ms, name = self.ms, self.name
+        ms[name] = ms.get(name, 0.0) + (perf_counter() - self.begin) * 1e3
 
 
 class StageClock:

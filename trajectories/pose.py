@@ -117,6 +117,15 @@ class Pose:
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
+    def owning(cls, rotation: Array, translation: Array) -> Self:
+        """Pose of new arrays (3, 3) and (3,) of numbers, which are not copied and become read-only."""
+        pose = object.__new__(cls)
+        for name, array in ("rotation", rotation), ("translation", translation):
+            array.setflags(write=False)
+            object.__setattr__(pose, name, array)
+        return pose
+
+    @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Self:
         """Pose of a homogeneous (4, 4) matrix; ValueError unless it is a finite rigid transform (1e-6)."""
         m = read_only(matrix, (4, 4))

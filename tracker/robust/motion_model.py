@@ -1,5 +1,6 @@
 """Prediction: the pose at the next frame with its covariance, by first-order Gauss-Markov motion."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from uavbench.tracker.geometry_kernels import se3_exp_left, se3_log_left, squared_mahalanobis
 from uavbench.tracker.robust.config.robust import MotionConfig
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 FAR_CHI2 = 12.6
@@ -27,14 +28,44 @@ class Moved(NamedTuple):
     covariance: Array
 
 
-@compiled("f2 f1 f1 f2 f0 f0")
-def moved(R: Array, t: Array, xi: Array, covariance: Array, sigma_m: float, sigma_rad: float) -> Moved:
-    """exp(xi) @ (R, t), and the covariance (6, 6) with that of the motion on each axis added."""
-    pose, grown = se3_exp_left(R, t, xi), covariance.copy()
+@compiled("f2 f1 f1 f2 (f0 f0) (f0 f0)")
+def moved(
+    R: Array,
+    t: Array,
+    velocity: Array,
+    covariance: Array,
+    lasting_s: tuple[float, float],
+    sigmas: tuple[float, float],
+) -> Moved:
+    """(R, t) moved at a velocity (6,), and the covariance (6, 6) with that of the motion on each axis added.
+
+    lasting_s: two factors of the time that it lasts; sigmas: standard deviations in m and rad.
+    """
+    xi, grown = np.empty(6), covariance.copy()
+    for i in range(6):
+        xi[i] = velocity[i] * lasting_s[0] * lasting_s[1]
     for i in range(3):
-        grown[i, i] += sigma_m**2
-        grown[i + 3, i + 3] += sigma_rad**2
+        grown[i, i] += sigmas[0] ** 2
+        grown[i + 3, i + 3] += sigmas[1] ** 2
+    pose = se3_exp_left(R, t, xi)
     return Moved(pose.R, pose.t, grown)
+
+
+class Velocities(NamedTuple):
+    """The velocity (6,) from one pose to the next, and the mean with it."""
+
+    now: Array
+    mean: Array
+
+
+@compiled("f2 f1 f2 f1 f1 f0 f0")
+def velocities(R: Array, t: Array, R_to: Array, t_to: Array, mean: Array, dt_s: float, part: float) -> Velocities:
+    """Velocities at which (R_to, t_to) is reached from (R, t) in dt_s; the new one is a part of the mean (6,)."""
+    now, new_mean = se3_log_left(R, t, R_to, t_to), np.empty(6)
+    for i in range(6):
+        now[i] /= dt_s
+        new_mean[i] = mean[i] + part * (now[i] - mean[i])
+    return Velocities(now, new_mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +88,14 @@ class Motion:
         The velocity decays with the time constant memory_s.
         """
         velocity = NO_VELOCITY if self.velocity is None else self.velocity
-        xi = velocity * config.memory_s * (1 - np.exp(-dt_s / config.memory_s))
+        lasting_s = config.memory_s, ended_part(dt_s, config.memory_s)
         rate = config.initial_rate_1_s if self.velocity is None else 0.0
         shift = rate * dt_s + 0.5 * config.acceleration_ranges_s2 * dt_s**2
         turn = rate * dt_s + 0.5 * config.angular_acceleration_rad_s2 * dt_s**2
-        sigma_m, sigma_rad = min(shift, config.max_sigma) * range_m, min(turn, config.max_sigma)
+        sigmas = min(shift, config.max_sigma) * range_m, min(turn, config.max_sigma)
         at = self.cam_from_world
-        then = moved(at.rotation, at.translation, xi, self.covariance, sigma_m, sigma_rad)
-        return Motion(Pose(then.R, then.t), then.covariance)
+        R, t, covariance = unchecked(moved)(at.rotation, at.translation, velocity, self.covariance, lasting_s, sigmas)
+        return Motion(Pose.owning(R, t), covariance)
 
     def carried_on(self, dt_s: float) -> Pose:
         """Pose after dt_s if the mean velocity lasts: on a circle or a straight line, and still without a velocity."""
@@ -87,10 +118,11 @@ class Motion:
         """Motion at a new pose, dt_s after this one; velocities are kept if dt_s is 0."""
         if dt_s <= 0:
             return Motion(cam_from_world, covariance, self.velocity, self.mean_velocity)
-        was = self.cam_from_world
-        moved = se3_log_left(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
-        mean, part = self.mean_velocity, 1 - np.exp(-dt_s / memory_s)
-        return Motion(cam_from_world, covariance, moved, moved if mean is None else mean + part * (moved - mean))
+        was, now, mean = self.cam_from_world, cam_from_world, self.mean_velocity
+        poses = was.rotation, was.translation, now.rotation, now.translation
+        known = NO_VELOCITY if mean is None else mean
+        velocity, new_mean = velocities(*poses, known, dt_s, ended_part(dt_s, memory_s))
+        return Motion(cam_from_world, covariance, velocity, velocity if mean is None else new_mean)
 
 
 @dataclass(frozen=True)
@@ -116,7 +148,12 @@ class PredictionErrors:
             return 1.0
         freedom = 6 * self.count
         part = 2 / (9 * freedom)
-        return min(1.0, float(self.sum / (freedom * (1 - part - THOUSANDTH * np.sqrt(part)) ** 3)))
+        return min(1.0, self.sum / (freedom * (1 - part - THOUSANDTH * math.sqrt(part)) ** 3))
+
+
+def ended_part(dt_s: float, memory_s: float) -> float:
+    """Part of what decays with a time constant that is gone after dt_s."""
+    return float(1 - np.exp(-dt_s / memory_s))
 
 
 def isotropic_covariance(sigma: float, range_m: float) -> Array:

@@ -6,6 +6,7 @@ source. A suite sets any of them: ``[trackers.mine.config.motion]``.
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from uavbench.tracker.robust.config.bounds import NotNegative, Part, Positive, Ratio, Sigma
 from uavbench.tracker.robust.config.budget import BudgetConfig
@@ -33,7 +34,7 @@ class MotionConfig:
     """Factor on the standard deviations of the vehicle filter's prediction, which thus counts with a ninth of its
     information: it depends on earlier poses of the same run, which must not count twice. Chosen on rendered seeds."""
 
-    @property
+    @cached_property
     def max_sigma(self) -> float:
         """Limit of the standard deviation that the prediction adds to the pose, as a fraction of the range and in rad.
 
@@ -101,12 +102,12 @@ class RobustConfig:
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     """Work budget of a frame."""
 
-    @property
+    @cached_property
     def good_support(self) -> float:
         """Support below which a pose is searched: the least support of a track plus the lead required of a pose."""
         return self.loss.min_support + self.relocalization.lead
 
-    @property
+    @cached_property
     def slow_s(self) -> float:
         """Frame interval from which a fit may be to a neighbouring edge, s.
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated
 
 from annotated_types import Interval, MinLen, Unit
@@ -37,7 +38,7 @@ class EstimatorConfig:
         """
         return float(self.fine_widths_px[0]) + 1.0
 
-    @property
+    @cached_property
     def last_width_px(self) -> float:
         """The last cutoff of all, within which an edge is found."""
         return float(self.fine_widths_px[-1])
