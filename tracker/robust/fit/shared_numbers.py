@@ -44,7 +44,8 @@ class SharedNumbers:
         self.slabs = Slabs(np.array(first), chances[-groups:].copy(), decided[-groups:].copy())
         self.information, self.vector = np.zeros((n, n)), np.zeros(n)
         self.posterior = mixture(self.information, self.vector, self.slabs, SIGMA)
-        self.at, self.unmoved, self.unasked_s = np.zeros(n), np.zeros(n), 0.0
+        self.unmoved, self.unasked_s = np.zeros(n), 0.0
+        self.locate_at(np.zeros(n))
 
     def learn(self, seen: NumbersSeen, dt_s: float) -> None:
         """Add what a frame says, dt_s after the previous one, relative to the numbers by which its edges were located.
@@ -58,6 +59,7 @@ class SharedNumbers:
         self.information = kept * self.information + new * seen.information
         self.vector = kept * self.vector + new * (seen.vector + seen.information @ self.at)
         self.posterior = unchecked(mixture)(self.information, self.vector, self.slabs, SIGMA)
+        self.locate_at(self.at)
 
     def locate(self) -> Array:
         """Choose the numbers by which edges are located, the mean; their change (r,)."""
@@ -65,16 +67,12 @@ class SharedNumbers:
         moved[BLOWN] = 0.0
         if not (np.abs(moved) > 2 * DIFFERENCE).any():
             return self.unmoved
-        self.at = self.at + moved
+        self.locate_at(self.at + moved)
         self.response.locate(self.at[:BLOWN])
         return np.asarray(moved)
 
-    @property
-    def rounding(self) -> Rounding:
-        """The radius by which edges are located."""
-        return Rounding(float(self.at[ROUNDED]) * self.unit_m, self.unit_m, self.count)
-
-    @property
-    def known(self) -> KnownNumbers:
-        """What is known, relative to the numbers by which edges are located."""
-        return KnownNumbers(self.posterior.mean - self.at, self.posterior.covariance)
+    def locate_at(self, numbers: Array) -> None:
+        """Locate edges by numbers (r,); `rounding` is their radius, `known` is what is known relative to them."""
+        self.at = numbers
+        self.rounding = Rounding(float(numbers[ROUNDED]) * self.unit_m, self.unit_m, self.count)
+        self.known = KnownNumbers(self.posterior.mean - numbers, self.posterior.covariance)

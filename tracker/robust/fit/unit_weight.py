@@ -8,7 +8,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.solver.bias_state import BiasState
 from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread
-from uavbench.trajectories.kernels.compiled import unchecked
+from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array
 
 PRIOR_FREEDOM, PRIOR_VARIANCE = 6.0, 0.75
@@ -21,6 +21,22 @@ CODES_PART2 = 1 / 3
 """Mean square of the part of an image's blur, beyond that of a pixel, that is of its codes, and not of its light as is
 thought: any from none to all is as likely. Not tuned."""
 NOTHING_SEEN = Spread(0.0, 0.0)
+
+
+@compiled("f2 f0 f1 (f0 f0)")
+def reported(of_fit: Array, variance: float, by_codes: Array, shared2: tuple[float, float]) -> Array:
+    """Covariance (6, 6) of a fit with a variance of unit weight, as of `UnitWeight.covariance`.
+
+    shared2: mean squares of what the shift of the image turns the camera by, about x and y.
+    """
+    covariance = np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            of_codes = CODES_PART2 * (by_codes[i] * by_codes[j])
+            covariance[i, j] = variance * of_fit[i, j] + of_codes + 0.0  # no number is a negative zero
+    covariance[3, 3] += shared2[0]
+    covariance[4, 4] += shared2[1]
+    return covariance
 
 
 @dataclass
@@ -59,8 +75,5 @@ class UnitWeight:
 
         by_codes (6,): twist by which the pose is displaced if the blur of the image is of its codes, which is not told.
         """
-        reported = self.variance * of_fit + CODES_PART2 * np.outer(by_codes, by_codes)
-        reported += 0.0  # no number is a negative zero
-        reported[3, 3] += (SHARED_PX / camera.fy) ** 2
-        reported[4, 4] += (SHARED_PX / camera.fx) ** 2
-        return reported
+        shared2 = (SHARED_PX / camera.fy) ** 2, (SHARED_PX / camera.fx) ** 2
+        return unchecked(reported)(of_fit, self.variance, by_codes, shared2)

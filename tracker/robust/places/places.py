@@ -83,8 +83,7 @@ class Places:
 
     def add(self, image: Image, pose: Pose, range_m: float) -> None:
         """Add a place with its image (h, w) or (h, w, c), unless there is one near it; fewer are kept of too many."""
-        here = motion(pose)
-        near = last_near(*self.poses, *here, range_m, self.apart)
+        near = last_near(*self.poses, *motion(pose), range_m, self.apart)
         if near >= 0:
             self.last = self.places[near]
             return

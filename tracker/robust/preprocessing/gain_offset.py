@@ -43,7 +43,11 @@ class ContrastStretch:
 
     def of(self, image: Image) -> Image:
         """The stretched image."""
-        return image if self == ContrastStretch() else np.asarray(cv2.LUT(image, self.table()), dtype=np.uint8)
+        return (
+            image
+            if self.gain == 1.0 and self.middle == MIDDLE
+            else np.asarray(cv2.LUT(image, self.table()), dtype=np.uint8)
+        )
 
     def table(self) -> NDArray[np.uint8]:
         """Lookup table (256,) of the stretch."""
