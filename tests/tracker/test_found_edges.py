@@ -8,7 +8,7 @@ import pytest
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.decision import found_edges
 from uavbench.tracker.robust.decision.found_edges import FoundEdges
-from uavbench.tracker.robust.fit.learning import MIN_POINTS
+from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 

@@ -348,7 +348,7 @@ def test_patches_on_faces_that_a_frame_does_not_show_keep_their_places(flight):
     face, before = texture.patches.face[: len(texture)], texture.patches.middles[: len(texture)].copy()
     shown, twist = face == face[0], np.array([0.002, 0.001, 0.0, 0.0, 0.001, 0.0])
     assert 0 < np.count_nonzero(shown) < len(texture)
-    texture.shift(face[:1], twist, poses[0])
+    texture.shift(face[:1], twist, view.at(poses[0]))
     after = texture.patches.middles[: len(texture)]
     np.testing.assert_array_equal(after[~shown], before[~shown])
     pixels = CAMERA.project(poses[0].transform(before))

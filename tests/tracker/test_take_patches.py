@@ -5,7 +5,8 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.fit.learning import MIN_POINTS, TAKE_AFTER_S, TAKE_EVERY
+from uavbench.tracker.robust.fit.learning import TAKE_AFTER_S, TAKE_EVERY
+from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.tracker import Robust
 

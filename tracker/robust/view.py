@@ -86,6 +86,12 @@ def clearance(camera: Camera) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform(camera.unmasked.view(np.uint8), cv2.DIST_L2, 5), dtype=np.float32)
 
 
+@inlined
+def placed(view: View, R: Array, t: Array) -> View:
+    """The same camera at cam_from_world (R, t), for kernels."""
+    return View(R, t, view.lens, view.size_px, view.bounds_px, view.near, view.clear_px, view.sweep)
+
+
 @inlined(allocates=False)
 def is_clear(u: float, v: float, view: View) -> bool:
     """Whether a pixel of the image is farther than CLEAR_PX from what is masked."""

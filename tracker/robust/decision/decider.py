@@ -10,8 +10,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision.beginnings import Beginnings
 from uavbench.tracker.robust.decision.found_edges import FoundEdges
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
-from uavbench.tracker.robust.fit.learning import MIN_POINTS
-from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS, Fit
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
@@ -138,7 +137,8 @@ class Decider:
             self.kept_initial = True
             return Decision(kept, True)
         if not (first or self.search_is_due(frame, fit) or not fit.finite):
-            self.relocator.forget()
+            if self.relocator.under_way:
+                self.relocator.forget()
             return self.confirmed(frame, fit, clock)
         with clock.stage("relocalize"):
             found = self.recover(frame, fit)

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.robust.edges.columns import EDGE
-from uavbench.tracker.robust.fit.learning import MIN_POINTS
-from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS, Fit
 from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array
 

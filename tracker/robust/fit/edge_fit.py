@@ -11,30 +11,21 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edges.appearance_kernels import Images
+from uavbench.tracker.robust.edges.appearance_kernels import Images, Nearness
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, REACH, search, search_range
-from uavbench.tracker.robust.edges.sampling_kernels import sample_edges, search_lines
+from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.steps.optics_kernels import Optics
 from uavbench.tracker.robust.edges.weight_kernels import point_variances
-from uavbench.tracker.robust.fit.judging import Judge
+from uavbench.tracker.robust.fit.judging import conclude, fit_of, judge
 from uavbench.tracker.robust.fit.kernel_config import KernelConfig
-from uavbench.tracker.robust.fit.learning import (
-    MIN_POINTS,
-    Lens,
-    Memory,
-    Seen,
-    found_faces,
-    learn_edges,
-    learn_numbers,
-    learn_patches,
-)
+from uavbench.tracker.robust.fit.learning import Memory, Seen, learn_numbers, learn_patches
+from uavbench.tracker.robust.fit.learning_kernels import learn_looks, moved_by_codes
 from uavbench.tracker.robust.fit.pose_fit import (
+    MIN_POINTS,
     NO_MATCHES,
-    NO_MEASUREMENTS,
-    NO_WEIGHTING,
     Aligned,
     Fit,
     Problem,
@@ -48,23 +39,21 @@ from uavbench.tracker.robust.fit.stage_kernels import (
     Located,
     Shared,
     Solved,
+    align_by_patches,
     edges_in_view,
-    locate,
-    measure_near,
     solve_anew,
+    update,
 )
 from uavbench.tracker.robust.optics.blur import Blur
-from uavbench.tracker.robust.optics.code_blur_kernels import displaced_by_codes
 from uavbench.tracker.robust.optics.colours import Colours
 from uavbench.tracker.robust.optics.sharpening import Sharpening
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
+from uavbench.tracker.robust.solver.bias_state import BiasesInView
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.equation_kernels import PosePrior
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
-from uavbench.tracker.robust.solver.solve_kernels import refined_pose
-from uavbench.tracker.robust.solver.spread_kernels import moved_by
 from uavbench.tracker.robust.view import AT_ONCE, View
 from uavbench.tracker.robust.work import LOCATED_POINT, Work, fit_evaluations
 from uavbench.tracker.stage_clock import StageClock
@@ -115,9 +104,9 @@ class EdgeFitter:
         return Optics(self.numbers.response.light, self.blur.px, self.colours.known)
 
     @property
-    def judge(self) -> Judge:
-        """What finds are judged by, as learned so far."""
-        return Judge(self.appearance, self.values)
+    def known_biases(self) -> BiasesInView:
+        """The biases, with no edges in view yet."""
+        return self.biases.seen_with(NO_EDGES)
 
     @property
     def memory(self) -> Memory:
@@ -175,9 +164,10 @@ class EdgeFitter:
 
     def concluded(self, found: Searched, clock: StageClock) -> Fit:
         """The fit to the matches of a search, its edges located between the pixels."""
-        at = self.locate(found, clock)
-        with clock.stage("support"):
-            return self.judge.fit(found, at)
+        self.work.done += len(found.problem.points.points) * LOCATED_POINT
+        with clock.stage("subpixel"):
+            given = found, self.known_biases, self.optics, self.model, self.values
+            return fit_of(found, *unchecked(conclude)(self.sharp(found.problem.image), *given))
 
     def searched(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
@@ -187,16 +177,15 @@ class EdgeFitter:
         if isinstance(found, Fit):
             return found
         with clock.stage("support"):
-            return self.judge.fit(found, unlocated(found))
+            at = unlocated(found)
+            return fit_of(found, at, unchecked(judge)(found, at, self.appearance, self.values))
 
     def located(self, fit: Fit, clock: StageClock) -> Fit:
         """A fit with its edges located between the pixels, and the same support."""
         if fit.searched is None:
             return fit
-        at = self.locate(fit.searched, clock)
-        with clock.stage("support"):
-            best = self.judge.fit(fit.searched, at)
-            return replace(best, support=fit.support, edge_support=fit.edge_support, found=fit.found)
+        best = self.concluded(fit.searched, clock)
+        return replace(best, support=fit.support, edge_support=fit.edge_support, found=fit.found)
 
     def search(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
@@ -211,12 +200,6 @@ class EdgeFitter:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         aligned = self.align(problem, most_px, clock)
         return Searched(problem, aligned, self.update(problem, aligned, clock), self.texture.chosen)
-
-    def locate(self, searched: Searched, clock: StageClock) -> Located:
-        """The estimate by edges located between the pixels."""
-        self.work.done += len(searched.problem.points.points) * LOCATED_POINT
-        with clock.stage("subpixel"):
-            return self.refine_subpixel(searched)
 
     def sharp(self, image: Image) -> Image:
         """The frame's image (h, w, c) as it is, or before it was smoothed."""
@@ -239,15 +222,12 @@ class EdgeFitter:
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
         """Coarse estimate, by the patches if enough of them are found, else by hypotheses over a wide search."""
-        view, widths = problem.view, self.values.widths
         with clock.stage("texture"):
-            matches = self.texture.align(problem.image, view)
-            if np.count_nonzero(matches.correlation > 0) >= MIN_POINTS:
-                given = NO_MEASUREMENTS, matches, self.biases.seen_with(NO_EDGES), problem.prior
-                pose = unchecked(refined_pose)(*given, view, widths.coarse, self.values.estimator)
-                return Aligned(view.to(pose.R, pose.t), matches)
-        if not len(problem.points.points):
-            return Aligned(view, matches)
+            given = self.texture.in_view, self.known_biases, self.values
+            aligned, told = unchecked(align_by_patches)(problem, *given)
+        if told or not len(problem.points.points):
+            return Aligned(*aligned)
+        view, widths = problem.at, self.values.widths
         with clock.stage("search"):
             half_px = unchecked(search_range)(problem.lines.jacobian, problem.covariance, widths.fine_half_px, most_px)
             half_px = view.within_clearance(half_px, problem.lines.lines[:, [U, V]], REACH + 1.0)
@@ -263,21 +243,8 @@ class EdgeFitter:
 
     def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
         """Estimate by a short search."""
-        view, values = aligned.view, self.values
-        with clock.stage("search"):
-            found = problem.points, problem.weight, problem.by_numbers
-            measured = unchecked(measure_near)(problem.image, *found, view, self.model, values)
         with clock.stage("update"):
-            solved = self.solve_anew(problem, measured, aligned.matches, view, values.widths.fine)
-        return Solution(solved.estimate, measured, solved.edges)
-
-    def refine_subpixel(self, searched: Searched) -> Located:
-        """Estimate from intensity steps fitted to the pixels around the control points."""
-        problem, aligned, found, _ = searched
-        estimate, biases = found.estimate, self.biases.seen_with(found.edges)
-        fitted = Fitted(found.measured, aligned.matches, biases, problem.prior, estimate.weighting)
-        view = aligned.view.to(estimate.R, estimate.t)
-        return unchecked(locate)(self.sharp(problem.image), fitted, view, self.optics, self.model, self.values)
+            return unchecked(update)(problem, aligned, self.known_biases, self.model, self.values)
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
@@ -290,45 +257,38 @@ class EdgeFitter:
         self, problem: Problem, measured: EdgeMeasurements, matches: PatchMatches, view: View, widths_px: Array
     ) -> Solved:
         """M-estimation over edges and patches, from a view on, with the offsets of the edges by the measurements."""
-        given = Fitted(measured, matches, self.biases.seen_with(NO_EDGES), problem.prior, NO_WEIGHTING)
+        given = Fitted(measured, matches, self.known_biases, problem.prior)
         return unchecked(solve_anew)(given, problem.edges, widths_px, view, self.appearance, self.values)
 
     def sample(self, view: View) -> ControlPoints:
         """Visible control points in a view."""
         return unchecked(sample_edges)(self.edges, view, float(self.config.edges.sampling.spacing_px), MOST_POINTS)
 
-    def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
-        """Search lines of control points in a view."""
-        return unchecked(search_lines)(points, self.edges.ends, self.edges.inward, view)
-
     def moved_by_codes(self, fit: Fit, channels: int) -> Array:
         """Twist (6,) from where a fit is to where it would be if the blur of its image was of the codes."""
-        used = fit.residuals
-        if used is None:
+        if fit.residuals is None:
             return np.zeros(6)
-        points = used.points.rows, used.points.first, used.steps, used.weighting.weight
-        px = unchecked(displaced_by_codes)(*points, self.appearance, self.optics, channels)
-        return np.asarray(unchecked(moved_by)(used.sums, used.edges, self.biases.state, px, fit.covariance))
+        learned = self.biases.state, fit.covariance, self.appearance, self.optics
+        return np.asarray(unchecked(moved_by_codes)(fit.residuals, *learned, channels))
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
-        if fit.residuals is None:
+        used = fit.residuals
+        if used is None:
             return
-        at, shared_part = self.view.at(fit.cam_from_world), self.config.edges.weights.shared_part
-        lines = self.search_lines(fit.residuals.points, at)
-        image = layered(image)
-        seen = Seen(Images(image, self.sharp(image)), lines, fit.residuals)
-        lens = Lens(self.optics, self.sharpening.undoes, self.sharpening.asks(self.learned))
-        found = learn_edges(self.appearance, lens, seen, fit.covariance_of_told, self.values)
+        image, at, widths = layered(image), self.view.at(fit.cam_from_world), self.values.widths
+        asks = self.sharpening.asks(self.learned)
+        limits = Nearness(widths.last_px, widths.trusted_px, self.optics, self.sharpening.undoes, asks)
+        fitted = Images(image, self.sharp(image)), used, at, fit.covariance
+        lines, found = unchecked(learn_looks)(*fitted, self.model, limits, self.values)
         rate, if_sharpened = self.values.appearance.learning_rate, found.if_sharpened
         self.blur.learn(if_sharpened.blur_px2 if self.sharpening.is_suspected else found.blur_px2, rate)
         self.sharpening.learn(if_sharpened.sharpening, rate)
         self.colours.learn(found.colours, dt_s, rate)
         self.learned += 1
-        used = fit.residuals
-        faces = found_faces(self.texture, used)
-        learn_patches(self.memory, seen, fit, faces, dt_s, self.config.good_support)
-        learn_numbers(self.memory, used, faces, at, dt_s, shared_part)
+        memory, seen = self.memory, Seen(image, at, lines, used)
+        faces = learn_patches(memory, seen, fit, dt_s, self.config.good_support)
+        learn_numbers(memory, seen, faces, dt_s, self.config.edges.weights.shared_part)
 
 
 def unlocated(searched: Searched) -> Located:

@@ -1,8 +1,7 @@
 """A fit: its problem, intermediate results, and the pose with its support and residuals."""
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,43 +9,43 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
+from uavbench.tracker.robust.edges.measurements import (
+    CONTROL_POINTS,
+    EDGE_MEASUREMENTS,
+    SEARCH_LINES,
+    ControlPoints,
+    EdgeMeasurements,
+    SearchLines,
+)
 from uavbench.tracker.robust.fit.false_alarms import Chance
-from uavbench.tracker.robust.patches.matches import PatchMatches
-from uavbench.tracker.robust.solver.bias_state import EdgeOffsets, FrameSums
-from uavbench.tracker.robust.solver.equation_kernels import PosePrior
-from uavbench.tracker.robust.solver.solve_kernels import Estimate, Step
-from uavbench.tracker.robust.solver.sum_kernels import Weighting
-from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
+from uavbench.tracker.robust.solver.bias_state import EDGE_OFFSETS, FRAME_SUMS, EdgeOffsets, FrameSums
+from uavbench.tracker.robust.solver.equation_kernels import POSE_PRIOR, PosePrior
+from uavbench.tracker.robust.solver.solve_kernels import ESTIMATE, STEP, Estimate, Step
+from uavbench.tracker.robust.solver.sum_kernels import WEIGHTING, Weighting
+from uavbench.tracker.robust.view import VIEW, View
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
 NO_ROWS: Indices = np.zeros(0, dtype=np.int64)
-NO_MEASUREMENTS = EdgeMeasurements(
-    ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64)),
-    SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), NO_ROWS),
-    Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
-    np.zeros(0),
-    np.zeros(0),
-    np.zeros((0, 0)),
-)
+MIN_POINTS = 6
+"""Least number of control points or patches for a fit, and of patches that make a wide search of edges unnecessary:
+these give two equations each, and thus twice as many as a pose has unknowns."""
 NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-NO_WEIGHTING = Weighting(*(np.zeros(0),) * 4)
-
-
 CERTAIN = Chance(0.0, 0.0)
 
 
 class Problem(NamedTuple):
-    """An image (h, w, c), the prediction with its covariance (6, 6), and the control points visible at it.
+    """An image (h, w, c), the view at the prediction with its covariance (6, 6), and the control points visible there.
 
     lines are those at the prediction; weight (n,) of each control point in the pose, counts (n,) in its support; edges
     (g,) rows of the edges in view among the offsets; by_numbers (n, r): see `EdgesInView`.
     """
 
     image: Image
-    view: View
+    at: View
     covariance: Array
     prior: PosePrior
     points: ControlPoints
@@ -60,7 +59,7 @@ class Problem(NamedTuple):
 class Aligned(NamedTuple):
     """A view close enough for a short search, and the matches of the patches near it."""
 
-    view: View
+    at: View
     matches: PatchMatches
 
 
@@ -84,7 +83,7 @@ class Searched(NamedTuple):
         """The same matches, of a prediction with another covariance (6, 6)."""
         problem, before = self.problem, self.problem.prior
         prior = PosePrior(inverse6(covariance), before.R, before.t, before.known)
-        problem = Problem(problem.image, problem.view, covariance, prior, *problem[4:])
+        problem = Problem(problem.image, problem.at, covariance, prior, *problem[4:])
         return Searched(problem, self.aligned, self.found, self.patches)
 
 
@@ -96,12 +95,6 @@ def are_finite(R: Array, t: Array, covariance: Array) -> bool:
             if not math.isfinite(number):
                 return False
     return True
-
-
-@compiled("f2 f2 f2")
-def covariance_of_told(told: Array, information: Array, covariance: Array) -> Array:
-    """Covariance (6, 6) of a pose by what was told of it in place of the information of the step to it."""
-    return inverse6(told + (inverse6(covariance) - information))
 
 
 class FitResiduals(NamedTuple):
@@ -124,6 +117,30 @@ class FitResiduals(NamedTuple):
     by_numbers: Array
 
 
+PROBLEM = named_tuple(
+    Problem,
+    "u3 view f2! prior points lines f1! f1! i1! f2!",
+    view=VIEW,
+    prior=POSE_PRIOR,
+    points=CONTROL_POINTS,
+    lines=SEARCH_LINES,
+)
+ALIGNED = named_tuple(Aligned, "view matches", view=VIEW, matches=PATCH_MATCHES)
+SOLUTION = named_tuple(
+    Solution, "estimate measured edges", estimate=ESTIMATE, measured=EDGE_MEASUREMENTS, edges=EDGE_OFFSETS
+)
+SEARCHED = named_tuple(Searched, "problem aligned found i1!", problem=PROBLEM, aligned=ALIGNED, found=SOLUTION)
+FIT_RESIDUALS = named_tuple(
+    FitResiduals,
+    "points i1! f1! weighting edges sums step f2! i1! f2!",
+    points=CONTROL_POINTS,
+    weighting=WEIGHTING,
+    edges=EDGE_OFFSETS,
+    sums=FRAME_SUMS,
+    step=STEP,
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A pose with its covariance (6, 6), and how well the image supports it.
@@ -131,7 +148,7 @@ class Fit:
     support in [0, 1]: weighted inlier ratio of the control points and patches; edge_support: of the control points
     alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any; chance: bounds on
     the probability that a random pose matches as much. searched: what it is based on. Of these there
-    are none without control points.
+    are none without control points. finite: whether pose and covariance are.
     """
 
     cam_from_world: Pose
@@ -146,20 +163,12 @@ class Fit:
     chance: Chance = CERTAIN
     residuals: FitResiduals | None = None
     searched: Searched | None = None
+    finite: bool = field(init=False)
 
-    @cached_property
-    def finite(self) -> bool:
-        """Whether pose and covariance are finite."""
+    def __post_init__(self) -> None:
         pose = self.cam_from_world
-        return unchecked(are_finite)(pose.rotation, pose.translation, self.covariance)
-
-    @property
-    def covariance_of_told(self) -> Array:
-        """Covariance (6, 6) of the pose if the numbers that all edges share were known."""
-        if self.residuals is None or not len(self.residuals.step.to_numbers):
-            return self.covariance
-        step = self.residuals.step
-        return unchecked(covariance_of_told)(step.told, step.information, self.covariance)
+        finite = unchecked(are_finite)(pose.rotation, pose.translation, self.covariance)
+        object.__setattr__(self, "finite", finite)
 
     @property
     def sigma(self) -> float:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.edges.columns import BINS, BLOWN, ROUNDED
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.measurements import (
-    CONTROL_POINTS,
     EDGE_MEASUREMENTS,
     Candidates,
     ControlPoints,
@@ -24,20 +23,28 @@ from uavbench.tracker.robust.edges.weight_kernels import (
     contrast_weights,
     offset_variances,
     point_variances,
-    support,
     weights_in_view,
 )
-from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance, lines_of_edges
-from uavbench.tracker.robust.fit.kernel_config import KERNEL_CONFIG, WIDTHS, KernelConfig, Widths
+from uavbench.tracker.robust.fit.kernel_config import KERNEL_CONFIG, KernelConfig
+from uavbench.tracker.robust.fit.pose_fit import (
+    ALIGNED,
+    MIN_POINTS,
+    PROBLEM,
+    SEARCHED,
+    Aligned,
+    Problem,
+    Searched,
+    Solution,
+)
 from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
+from uavbench.tracker.robust.patches.patch_kernels import PATCHES_IN_VIEW, PatchesInView, align
 from uavbench.tracker.robust.solver.bias_kernels import prior_offsets
 from uavbench.tracker.robust.solver.bias_state import BIASES_IN_VIEW, BiasesInView, EdgeOffsets
 from uavbench.tracker.robust.solver.equation_kernels import POSE_PRIOR, PosePrior
-from uavbench.tracker.robust.solver.solve_kernels import Estimate, refine
-from uavbench.tracker.robust.solver.sum_kernels import WEIGHTING, Weighting
-from uavbench.tracker.robust.view import VIEW, View
+from uavbench.tracker.robust.solver.solve_kernels import ESTIMATE, Estimate, refine
+from uavbench.tracker.robust.view import VIEW, View, placed
 from uavbench.trajectories.kernels.argument_types import named_tuple
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
@@ -96,46 +103,24 @@ class Located(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """What a fit was made from, and the weighting that it ended with."""
+    """What a fit is made from."""
 
     measured: EdgeMeasurements
     matches: PatchMatches
     biases: BiasesInView
     prior: PosePrior
-    weighting: Weighting
-
-
-class Weightings(NamedTuple):
-    """Weightings of a fit to the matches of a search, and of the last fit."""
-
-    matched: Weighting
-    last: Weighting
-
-
-class Judged(NamedTuple):
-    """Support of a fit, that of its edges alone, numbers of candidates and inliers, the weight of all that a search
-    found, and what chance finds.
-    """
-
-    support: float
-    edge_support: float
-    candidates: int
-    inliers: int
-    found: float
-    chance: Chance
 
 
 EDGE_MODEL = named_tuple(EdgeModel, "f3! f3! f2!")
 FITTED = named_tuple(
     Fitted,
-    "measured matches biases prior weighting",
+    "measured matches biases prior",
     measured=EDGE_MEASUREMENTS,
     matches=PATCH_MATCHES,
     biases=BIASES_IN_VIEW,
     prior=POSE_PRIOR,
-    weighting=WEIGHTING,
 )
-WEIGHTINGS = named_tuple(Weightings, "weighting weighting", weighting=WEIGHTING)
+LOCATED = named_tuple(Located, "estimate i1! f2!", estimate=ESTIMATE)
 
 
 @compiled("edges view f2 i0 shared values", edges=EDGE_MAP, view=VIEW, shared=SHARED, values=KERNEL_CONFIG)
@@ -159,25 +144,40 @@ def edges_in_view(
     return EdgesInView(points, lines, weights.weight, weights.counts, rows, by_numbers)
 
 
+class ByPatches(NamedTuple):
+    """Matches of patches with the view at the pose that fits them; as it was where they are too few to tell it."""
+
+    aligned: Aligned
+    told: bool
+
+
+@inlined
+def nothing_measured() -> EdgeMeasurements:
+    """Measurements of no edges."""
+    none, rows = np.zeros(0), np.zeros(0, np.int64)
+    points = ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), np.int64), rows, np.zeros(1, np.int64))
+    lines, candidates = SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), rows), np.zeros((0, 1))
+    return EdgeMeasurements(points, lines, Candidates(candidates, candidates), none, none, np.zeros((0, 0)))
+
+
 @compiled(
-    "u3 points f1! f2! view model values", points=CONTROL_POINTS, view=VIEW, model=EDGE_MODEL, values=KERNEL_CONFIG
+    "problem patches biases values",
+    problem=PROBLEM,
+    patches=PATCHES_IN_VIEW,
+    biases=BIASES_IN_VIEW,
+    values=KERNEL_CONFIG,
 )
-def measure_near(
-    image: Image,
-    points: ControlPoints,
-    weight: Array,
-    by_numbers: Array,
-    view: View,
-    model: EdgeModel,
-    values: KernelConfig,
-) -> EdgeMeasurements:
-    """Candidates of a short search about the control points at a view, with the variances of the points."""
-    lines, half_px = search_lines(points, model.ends, model.inward, view), np.empty(len(weight))
-    half_px[:] = values.widths.fine_half_px
-    weak_step = values.appearance.weak_step_grey
-    found = search(image, lines, points.rows, model.appearance, half_px, weak_step, values.search)
-    variance_px2 = point_variances(points, found, model.appearance, weak_step, values.weights)
-    return EdgeMeasurements(points, lines, found, weight, variance_px2, by_numbers)
+def align_by_patches(problem: Problem, patches: PatchesInView, biases: BiasesInView, values: KernelConfig) -> ByPatches:
+    """Align the patches of a view, and the view by them; `biases` have no edges in view."""
+    view, found = problem.at, 0
+    matches = align(problem.image, patches, view)
+    for correlation in matches.correlation:
+        found += int(correlation > 0.0)
+    if found < MIN_POINTS:
+        return ByPatches(Aligned(view, matches), False)
+    coarse, nothing = values.widths.coarse, nothing_measured()
+    estimate = refine(nothing, matches, biases, problem.prior, view, coarse, values.estimator)
+    return ByPatches(Aligned(placed(view, estimate.R, estimate.t), matches), True)
 
 
 @compiled(
@@ -191,7 +191,7 @@ def solve_anew(
 ) -> Solved:
     """M-estimate from a view, with the prior offsets of the edges in view, rows (g,), by their measurements.
 
-    The weighting and the edges in view that are given are not used.
+    The edges in view that are given are not used.
     """
     looks = 1.0 / values.appearance.learning_rate  # in which a running mean forgets its first value
     variance_px2 = offset_variances(given.measured, appearance, looks, values.weights)
@@ -202,16 +202,48 @@ def solve_anew(
 
 
 @compiled(
-    "u3 fitted view optics model values",
-    fitted=FITTED,
-    view=VIEW,
+    "problem aligned biases model values",
+    problem=PROBLEM,
+    aligned=ALIGNED,
+    biases=BIASES_IN_VIEW,
+    model=EDGE_MODEL,
+    values=KERNEL_CONFIG,
+)
+def update(
+    problem: Problem, aligned: Aligned, biases: BiasesInView, model: EdgeModel, values: KernelConfig
+) -> Solution:
+    """Estimate by a short search about the control points at a view; the edges in view of `biases` are not used."""
+    points, looks, view = problem.points, model.appearance, aligned.at
+    lines, half_px = search_lines(points, model.ends, model.inward, view), np.empty(len(problem.weight))
+    half_px[:] = values.widths.fine_half_px
+    weak_step = values.appearance.weak_step_grey
+    found = search(problem.image, lines, points.rows, looks, half_px, weak_step, values.search)
+    variance_px2 = point_variances(points, found, looks, weak_step, values.weights)
+    measured = EdgeMeasurements(points, lines, found, problem.weight, variance_px2, problem.by_numbers)
+    given = Fitted(measured, aligned.matches, biases, problem.prior)
+    solved = solve_anew(given, problem.edges, values.widths.fine, view, looks, values)
+    return Solution(solved.estimate, measured, solved.edges)
+
+
+@compiled(
+    "u3 searched biases optics model values",
+    inner=True,
+    searched=SEARCHED,
+    biases=BIASES_IN_VIEW,
     optics=OPTICS,
     model=EDGE_MODEL,
     values=KERNEL_CONFIG,
 )
-def locate(image: Image, fitted: Fitted, view: View, optics: Optics, model: EdgeModel, values: KernelConfig) -> Located:
-    """Estimate from intensity steps fitted to the pixels around the control points, starting at a fit's view."""
-    before, weighting = fitted.measured, fitted.weighting
+def locate(
+    image: Image, searched: Searched, biases: BiasesInView, optics: Optics, model: EdgeModel, values: KernelConfig
+) -> Located:
+    """Estimate from intensity steps fitted to the pixels around the control points, from that of a search on.
+
+    The edges in view that are given are not used.
+    """
+    found, matches, prior = searched.found, searched.aligned.matches, searched.problem.prior
+    before, weighting = found.measured, found.estimate.weighting
+    view = placed(searched.aligned.at, found.estimate.R, found.estimate.t)
     points, lines = before.points, search_lines(before.points, model.ends, model.inward, view)
     points_before = FittedPoints(weighting.residual, weighting.weight, before.variance_px2, view)
     steps = refine_subpixel(image, lines, points, model.appearance, points_before, optics, values.weights)
@@ -228,82 +260,6 @@ def locate(image: Image, fitted: Fitted, view: View, optics: Optics, model: Edge
     lines = SearchLines(steps.lines, lines.jacobian, lines.side)
     measured = EdgeMeasurements(moved, lines, candidates, weight, steps.variance_px2, by_numbers)
     last = values.widths.last
-    estimate = refine(measured, fitted.matches, fitted.biases, fitted.prior, view, last, values.estimator)
+    seen = BiasesInView(biases.state, biases.known, found.edges)
+    estimate = refine(measured, matches, seen, prior, view, last, values.estimator)
     return Located(estimate, steps.steps, by_numbers)
-
-
-@compiled(
-    "measured f1 weightings f1! view f2 values",
-    measured=EDGE_MEASUREMENTS,
-    weightings=WEIGHTINGS,
-    view=VIEW,
-    values=KERNEL_CONFIG,
-)
-def judge(
-    measured: EdgeMeasurements,
-    counts: Array,
-    weightings: Weightings,
-    correlation: Array,
-    view: View,
-    appearance: Array,
-    values: KernelConfig,
-) -> Judged:
-    """What the matches of a search support, and the last fit finds.
-
-    view: at the fit to the matches; other arguments as of `support`.
-    """
-    matched, last, distance = weightings.matched, weightings.last, measured.candidates.distance
-    weak_step, inliers, found = values.appearance.weak_step_grey, 0, 0.0
-    share = support(measured, counts, matched.weight, matched.patch_weight, correlation, appearance, weak_step)
-    candidates = np.zeros(len(distance), np.int64)
-    for p in range(distance.shape[0]):
-        for k in range(distance.shape[1]):
-            candidates[p] += int(distance[p, k] < np.inf)
-    for p in range(len(last.weight)):
-        inliers += int(last.weight[p] != 0.0)
-    for p in range(len(last.patch_weight)):
-        inliers += int(last.patch_weight[p] != 0.0)
-    for p in range(len(matched.weight)):
-        found += matched.weight[p]
-    for p in range(len(matched.patch_weight)):
-        found += 1.0 if matched.patch_weight[p] != 0.0 else 0.0
-    by_chance = chance_of_matches(measured, candidates, matched, correlation, view, values.widths)
-    return Judged(share.whole, share.edges, int(candidates.sum()), inliers, found, by_chance)
-
-
-@compiled(
-    "measured i1! weighting f1! view widths",
-    inner=True,
-    measured=EDGE_MEASUREMENTS,
-    weighting=WEIGHTING,
-    view=VIEW,
-    widths=WIDTHS,
-)
-def chance_of_matches(
-    measured: EdgeMeasurements,
-    candidates: Indices,
-    matched: Weighting,
-    correlation: Array,
-    view: View,
-    widths: Widths,
-) -> Chance:
-    """How likely chance is to match as much as a search did; candidates (n,) on each search line.
-
-    No point is expected nearer to its edge than the largest residual that is not doubted.
-    """
-    points, variance_px2 = measured.points, np.empty(len(candidates))
-    for p in range(len(variance_px2)):
-        variance_px2[p] = max(measured.variance_px2[p], widths.trusted_px**2)
-    found = Found(
-        points.rows,
-        points.first,
-        candidates,
-        matched.residual,
-        variance_px2,
-        matched.patch_weight,
-        correlation,
-        widths.fine_half_px,
-        widths.last_px,
-    )
-    apart_rad = 2.0 * widths.last_px / view.lens[0]  # two edges, each within the cutoff of one line
-    return chance(found, lines_of_edges(view.R, view.t, points.points, points.first, apart_rad))

@@ -22,6 +22,7 @@ from uavbench.tracker.robust.patches.matches import (
     Warp,
 )
 from uavbench.tracker.robust.view import VIEW, View, is_clear, pixel_of
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import ImagePoint, project
 from uavbench.trajectories.pose import Array
@@ -139,21 +140,27 @@ def choose(
     return chosen
 
 
-@compiled("u3 patches i1 f0 view f0 alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
-def align(
-    image: Image,
-    patches: Patches,
-    chosen: Indices,
-    now_s: float,
-    view: View,
-    least_grey: float,
-    config: AlignmentConfig,
-) -> PatchMatches:
-    """Matches at a time of the chosen patches (m,) near their projections in a view, of a least contrast in grey.
+class PatchesInView(NamedTuple):
+    """Patches, the chosen ones (m,) at a time, their least contrast in grey, and the values of their alignment."""
+
+    patches: Patches
+    chosen: Indices
+    now_s: float
+    least_grey: float
+    config: AlignmentConfig
+
+
+PATCHES_IN_VIEW = named_tuple(PatchesInView, "patches i1! f0 f0 alignment", patches=PATCHES, alignment=ALIGNMENT)
+
+
+@compiled("u3 given view", given=PATCHES_IN_VIEW, view=VIEW)
+def align(image: Image, given: PatchesInView, view: View) -> PatchMatches:
+    """Matches of the chosen patches (m,) near their projections in a view.
 
     Patches whose scale has changed too much since their creation are not searched. The variance grows with the
     difference between a patch and its reference, and is larger for new patches.
     """
+    patches, chosen, now_s, least_grey, config = given
     n = len(chosen)
     places = np.empty((n, 3))
     observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.empty(n)
@@ -232,9 +239,10 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
 
 
 class Hits(NamedTuple):
-    """Number of patches that were inliers of a fit, and whether one was missed too often."""
+    """Number of patches that were inliers of a fit, their faces (number,), and whether one was missed too often."""
 
     number: int
+    faces: Indices
     any_lost: bool
 
 
@@ -244,28 +252,18 @@ def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: A
 
     weights (m,): > 0 for inliers; correlation (m,): < 0 for patches that were not searched.
     """
-    n, any_lost = 0, False
+    n, faces, any_lost = 0, np.empty(len(chosen), np.int64), False
     for k in range(len(chosen)):
         p = chosen[k]
         if weights[k] > 0.0:
+            faces[n] = patches.face[p]
             n += 1
             patches.hits[p] += 1
             patches.missed[p] = 0
         elif correlation[k] >= 0.0:
             patches.missed[p] += 1
             any_lost |= patches.missed[p] > most
-    return Hits(n, any_lost)
-
-
-@compiled("i1 i1 f1")
-def faces_found(face: Indices, chosen: Indices, weights: Array) -> Indices:
-    """Faces, of those of all patches, of the chosen ones (m,) that were inliers, with weights (m,) > 0."""
-    found, n = np.empty(len(chosen), np.int64), 0
-    for k in range(len(chosen)):
-        if weights[k] > 0.0:
-            found[n] = face[chosen[k]]
-            n += 1
-    return found[:n].copy()
+    return Hits(n, faces[:n].copy(), any_lost)
 
 
 @compiled("patches i0 i1 f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)

@@ -20,7 +20,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.corner_kernels import KeepOut, faces_of_all, strong_pixels
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
-from uavbench.tracker.robust.patches.patch_kernels import align, choose, count_hits, shift_places
+from uavbench.tracker.robust.patches.patch_kernels import Hits, PatchesInView, align, choose, count_hits, shift_places
 from uavbench.tracker.robust.view import CLEAR_PX, View
 from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Array, Pose
@@ -67,25 +67,30 @@ class Texture:
         planes, triangles = self.edges.planes, self.edges.triangles
         self.chosen = unchecked(choose)(self.patches, self.count, planes, triangles, view, MOST_USED, self.alignment)
 
+    @property
+    def in_view(self) -> PatchesInView:
+        """The chosen patches, and how they are aligned."""
+        return PatchesInView(self.patches, self.chosen, self.now_s, self.noise_grey, self.alignment)
+
     def align(self, image: Image, view: View) -> PatchMatches:
         """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
-        return unchecked(align)(image, self.patches, self.chosen, self.now_s, view, self.noise_grey, self.alignment)
+        return unchecked(align)(image, self.in_view, view)
 
-    def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
-        """Number of the chosen patches (m,) that were inliers; those missed too often are removed.
+    def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> Hits:
+        """Which of the chosen patches (m,) were inliers; those missed too often are removed.
 
         weights (m,): > 0 for inliers; correlation (m,): < 0 for patches that were not searched.
         """
-        hits = unchecked(count_hits)(self.patches, chosen, weights, correlation, MAX_MISSES)
+        hits: Hits = unchecked(count_hits)(self.patches, chosen, weights, correlation, MAX_MISSES)
         if hits.any_lost:
             self._keep(self.patches.missed[: self.count] <= MAX_MISSES)
-        return hits.number
+        return hits
 
-    def shift(self, faces: Indices, twist: Array, pose: Pose) -> None:
-        """Shift the patches of some faces on their planes so that their pixels at a pose are kept when it moves by a
-        twist (6,).
+    def shift(self, faces: Indices, twist: Array, view: View) -> None:
+        """Shift the patches of some faces on their planes so that their pixels in a view are kept when its pose moves
+        by a twist (6,).
         """
-        unchecked(shift_places)(self.patches, self.count, faces, twist, self.view.at(pose), self.alignment)
+        unchecked(shift_places)(self.patches, self.count, faces, twist, view, self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges.

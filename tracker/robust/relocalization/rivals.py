@@ -12,6 +12,7 @@ from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
+from uavbench.tracker.robust.fit.judging import parts_found
 from uavbench.tracker.robust.fit.pose_fit import Fit, Searched
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
@@ -154,7 +155,7 @@ class Rivals:
         """The control points that a shift (3,) brings onto edges."""
         points, counts = searched.problem.points, searched.problem.counts
         onto = self.similarity.on_edges(points.points + shift, self.along(searched))
-        return SharedPoints(counts[onto], self.fitter.judge.parts(searched)[onto])
+        return SharedPoints(counts[onto], parts_found(searched, self.fitter.appearance, self.fitter.values)[onto])
 
     def along(self, searched: Searched) -> Array:
         """Unit directions (n, 3) of the edges of control points."""
