@@ -69,7 +69,7 @@ class Comparison:
 
     def known(self):
         shown = self.relocator.reader.shown(self.shown)
-        return KnownSurfaces(self.relocator.searcher, self.seen, shown, Work(ENOUGH))
+        return KnownSurfaces(self.relocator.reader, self.seen, shown, Work(ENOUGH))
 
     def compared(self, boxes=0, sigma=0.3, work=ENOUGH):
         """The verdict on a fit so many boxes beside the true pose, which may be as far away as sigma."""

@@ -15,7 +15,7 @@ from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearc
 from uavbench.tracker.robust.relocalization.scoring.pose_search_kernels import turned_about
 from uavbench.tracker.robust.relocalization.scoring.rounds import views
 from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import Surface, aligned_pose, best_shifts
-from uavbench.tracker.robust.relocalization.surfaces.surface import MOST_POINTS, SurfaceReader
+from uavbench.tracker.robust.relocalization.surfaces.surface import MOST_POINTS, SurfaceReader, some_of
 from uavbench.tracker.robust.work import ALIGNED_POINT, ALIGNMENT, SCANNED_POINT, SHOWN, Work
 
 ITERATIONS = 6
@@ -139,7 +139,8 @@ class Aligner:
         every: int = 1,
     ) -> Alike:
         """The pose near one at which the image looks most like the surface that was seen from nearest to there."""
-        surface, alike = thinned(self.surfaces[self.nearest(pose)], every), 0.0
+        surface, alike = self.surfaces[self.nearest(pose)], 0.0
+        surface = surface if every == 1 else some_of(surface, np.s_[::every])
         for level in levels:
             image = self.shown[level]
             found = aligned_pose(surface, level, pose, iterations, self.searcher.steps, self.searcher.camera, image)
@@ -156,14 +157,6 @@ class Aligner:
 def seen_from(surface: Surface) -> RigidMotion:
     """The pose of the camera that saw a surface."""
     return RigidMotion(surface.R, surface.t)
-
-
-def thinned(surface: Surface, every: int) -> Surface:
-    """Every so manieth point of a surface."""
-    if every == 1:
-        return surface
-    points, normals = (np.ascontiguousarray(each[::every]) for each in (surface.points, surface.normals))
-    return surface._replace(points=points, normals=normals, grey=np.ascontiguousarray(surface.grey[:, ::every]))
 
 
 def rarity(correlation: float, part: float) -> float:

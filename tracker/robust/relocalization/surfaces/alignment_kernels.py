@@ -42,12 +42,13 @@ Indices = NDArray[np.int64]
 class Surface(NamedTuple):
     """Points (n, 3) of a structure's surface as one image showed them.
 
-    normals (n, 3), unit, toward the camera; grey (2, n), blurred much and little; focus (3,) the mean of the points;
-    R, t the pose of the camera.
+    normals (n, 3), unit, toward the camera; faces (n,) that they are on; grey (2, n), blurred much and little;
+    focus (3,) the mean of the points; R, t the pose of the camera.
     """
 
     points: Array
     normals: Array
+    faces: Indices
     grey: Array
     focus: Array
     R: Array
@@ -97,7 +98,7 @@ class Likeness(NamedTuple):
     correlation: float
 
 
-SURFACE = named_tuple(Surface, "f2! f2! f2! f1! f2! f1!")
+SURFACE = named_tuple(Surface, "f2! f2! i1! f2! f1! f2! f1!")
 COMPARED = named_tuple(Compared, "f1! f1! f2! i0")
 LIKENESS = named_tuple(Likeness, "f0 f0 f0 f0")
 

@@ -1,6 +1,7 @@
 """What an image shows of a structure's surface at a pose."""
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -16,6 +17,7 @@ from uavbench.tracker.robust.preprocessing.small_images import grey
 from uavbench.tracker.robust.relocalization.pose_arrays import centre_of, motion
 from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
 from uavbench.tracker.robust.relocalization.surfaces.alignment_kernels import LEAST_POINTS, Surface
+from uavbench.tracker.robust.relocalization.surfaces.copies import is_copied
 from uavbench.trajectories.pose import Array, Pose
 
 MOST_POINTS = 240
@@ -57,6 +59,11 @@ class SurfaceReader:
     def __init__(self, edges: EdgeMap, searcher: PoseSearch) -> None:
         self.edges, self.searcher = edges, searcher
 
+    @cached_property
+    def copied(self) -> NDArray[np.bool_]:
+        """Whether each face (f,) of the structure is made as another one."""
+        return is_copied(self.edges)
+
     def shown(self, image: Image) -> Shown:
         """An image (h, w) or (h, w, c) as surfaces are compared with it."""
         small = grey(self.searcher.small(image)).astype(np.float64)
@@ -72,11 +79,13 @@ class SurfaceReader:
         kept = np.isfinite(values).all(axis=0)
         if np.count_nonzero(kept) < LEAST_POINTS:
             return None
-        planes, rays, eye = self.edges.planes[hits.faces[kept]], hits.rays[kept], centre_of(seen_from)
+        faces, rays, eye = hits.faces[kept], hits.rays[kept], centre_of(seen_from)
+        planes = self.edges.planes[faces]
         slant = np.einsum("ij,ij->i", rays, planes[:, :3])
         points = eye + rays * ((planes[:, 3] - planes[:, :3] @ eye) / slant)[:, None]
         normals = planes[:, :3] * -np.sign(slant)[:, None]
-        return Surface(points, normals, np.ascontiguousarray(values[:, kept]), points.mean(axis=0), *seen_from)
+        grey_values = np.ascontiguousarray(values[:, kept])
+        return Surface(points, normals, faces, grey_values, points.mean(axis=0), *seen_from)
 
     def between_edges(self, surface: Surface) -> Surface:
         """The points of a surface that are seen away from all edges, which look alike wherever a structure repeats."""
@@ -90,11 +99,7 @@ class SurfaceReader:
         near = np.asarray(cv2.dilate(on_edges, np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)))
         across, down = self.pixels_of(surface.points, seen_from)
         away = near[down, across] == 0
-        return surface._replace(
-            points=surface.points[away],
-            normals=surface.normals[away],
-            grey=np.ascontiguousarray(surface.grey[:, away]),
-        )
+        return some_of(surface, away)
 
     def pixels_of(self, points: Array, pose: RigidMotion) -> Indices:
         """Pixels (2, n) of the small image, right and down, at which points (n, 3) in front of the camera are seen."""
@@ -119,6 +124,13 @@ class SurfaceReader:
         step = max(2.0, math.sqrt(float(np.prod(np.maximum(high - low, 1.0))) / count))
         across, down = (np.arange(low[k] + step / 2, high[k], step) for k in range(2))
         return np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2).astype(np.int64)
+
+
+def some_of(surface: Surface, rows: NDArray[np.bool_] | slice) -> Surface:
+    """Some of the points of a surface."""
+    points, normals, grey = surface.points[rows], surface.normals[rows], surface.grey[:, rows]
+    points, normals, grey = (np.ascontiguousarray(each) for each in (points, normals, grey))
+    return surface._replace(points=points, normals=normals, faces=np.ascontiguousarray(surface.faces[rows]), grey=grey)
 
 
 def blurred(image: Array, masked: NDArray[np.bool_] | None, blur_px: float) -> Array:
