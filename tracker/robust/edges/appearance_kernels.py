@@ -70,6 +70,7 @@ NEARNESS = named_tuple(Nearness, "f0 f0 optics f0 b0", optics=OPTICS)
 
 @compiled(
     "images lines seen f2 f2! nearness appearance",
+    inner=True,
     images=IMAGES,
     lines=SEARCH_LINES,
     seen=LOOKED_AT,

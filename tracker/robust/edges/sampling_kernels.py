@@ -234,7 +234,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     return by_edge(points[:n].copy(), keys[:n].copy())
 
 
-@compiled("points f3! f3! view", points=CONTROL_POINTS, view=VIEW)
+@compiled("points f3! f3! view", inner=True, points=CONTROL_POINTS, view=VIEW)
 def search_lines(points: ControlPoints, ends: Array, inward: Array, view: View) -> SearchLines:
     """Search lines of control points at a pose; marked as outside near the image's border and near masked pixels.
 

@@ -29,7 +29,7 @@ blur: least squares in its level, its height and its shift. About the step the h
 Indices = NDArray[np.int64]
 
 
-@compiled("i1 i1 i1 f1 f2 optics i0", optics=OPTICS)
+@compiled("i1 i1 i1 f1 f2 optics i0", inner=True, optics=OPTICS)
 def displaced_by_codes(
     rows: Indices, first: Indices, steps: Indices, weight: Array, appearance: Array, optics: Optics, channels: int
 ) -> Array:

@@ -160,7 +160,7 @@ def edge_spread(
     return Spread(means.squares, freedom)
 
 
-@compiled("sums edges state f1 f2", sums=FRAME_SUMS, edges=EDGE_OFFSETS, state=BIAS_STATE)
+@compiled("sums edges state f1 f2", inner=True, sums=FRAME_SUMS, edges=EDGE_OFFSETS, state=BIAS_STATE)
 def moved_by(sums: FrameSums, edges: EdgeOffsets, state: BiasState, displaced_px: Array, covariance: Array) -> Array:
     """Twist (6,) by which displacements (g,) of the edges in view move a fit with a covariance (6, 6)."""
     means, twist = means_of_edges(sums, edges, state, displaced_px), np.zeros(6)
