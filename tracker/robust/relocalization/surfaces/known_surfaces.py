@@ -26,13 +26,8 @@ class KnownSurfaces:
     """An image, and what a run saw between the edges of a structure before."""
 
     def __init__(self, reader: SurfaceReader, surfaces: Sequence[Surface], shown: Shown, work: Work) -> None:
-        self.reader, self.searcher, self.surfaces, self.shown, self.work = (
-            reader,
-            reader.searcher,
-            surfaces,
-            shown,
-            work,
-        )
+        self.reader, self.searcher = reader, reader.searcher
+        self.surfaces, self.shown, self.work = surfaces, shown, work
         self.focus = np.array([each.focus for each in surfaces]).reshape(-1, 3)
         self.centres = np.array([centre_of(seen_from(each)) for each in surfaces]).reshape(-1, 3)
 
