@@ -13,6 +13,7 @@ from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.look_alikes import Verdict
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
 
 
 class Before(NamedTuple):
@@ -23,6 +24,29 @@ class Before(NamedTuple):
     photometry: Photometry
 
 
+class Within(NamedTuple):
+    """Where the camera may be, whatever was found since, and how far it is from the structure."""
+
+    reach: tuple[Motion, ...]
+    range_m: float
+
+
+class Searched(NamedTuple):
+    """A first pose that a search found, not told yet from others at which the structure looks alike.
+
+    within: where the camera might have been then, moved along with it.
+    """
+
+    cam_from_world: Pose
+    within: Within
+
+    def moved_to(self, cam_from_world: Pose) -> "Searched":
+        """The same after the motion that a track tells, which is that from a look-alike, too."""
+        by = cam_from_world @ self.cam_from_world.inverse()
+        moved = tuple(replace(each, cam_from_world=by @ each.cam_from_world) for each in self.within.reach)
+        return Searched(cam_from_world, self.within._replace(reach=moved))
+
+
 class Beginnings:
     """Begins again, and returns to what was known before if the pose is given up."""
 
@@ -30,18 +54,47 @@ class Beginnings:
         self.doubts, self.relocator, self.fitter = doubts, doubts.relocator, doubts.fitter
         self.found_edges, self.state, self.config = found_edges, state, doubts.fitter.config
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
+        self.began_s: float | None = None
         self.before: Before | None = None
+        self.searched: Searched | None = None
 
     @property
     def in_doubt(self) -> bool:
         """Whether the pose is doubted, or not told yet from others at which the structure looks alike."""
-        return not self.doubts.settled or self.before is not None
+        return not self.doubts.settled or self.before is not None or self.searched is not None
+
+    @property
+    def within(self) -> Within | None:
+        """Where the camera may be instead of at a pose that is to be told from its look-alikes; None without any."""
+        if self.before is None:
+            return self.searched and self.searched.within
+        state = self.before.state
+        return Within(state.reach(self.fitter.now_s - state.ok_s), state.range_m)
+
+    def note_begin(self) -> None:
+        """Note when the run began, at its first frame."""
+        self.began_s = self.fitter.now_s if self.began_s is None else self.began_s
+
+    def doubt_first(self, fit: Fit) -> None:
+        """Doubt a first pose; one that a search found is told from its look-alikes about the initial one, too.
+
+        The camera has moved since that was given.
+        """
+        self.doubts.begin(fit)
+        if self.is_as_given(fit):
+            return
+        since_s = 0.0 if self.began_s is None else self.fitter.now_s - self.began_s
+        start = TrackState(self.config, self.initial, self.initial_range_m)
+        wide = isotropic_covariance(self.config.relocalization.guess_sigma, self.initial_range_m)
+        reach = tuple(replace(each, covariance=each.covariance + wide) for each in start.reach(since_s)[:1])
+        self.searched = Searched(fit.cam_from_world, Within(reach, self.initial_range_m))
 
     def give_up_doubted(self, before: Photometry) -> Photometry:
         """Return from a doubted pose to what was known before, or the initial pose, and to the photometry from then."""
         if not self.in_doubt:
             return before
         self.doubts.end()
+        self.searched = None
         self.found_edges.forget()
         self.relocator.forget()
         if self.before is not None:
@@ -97,11 +150,16 @@ class Beginnings:
 
     def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
+        if self.searched is not None:
+            self.searched = self.searched.moved_to(fit.cam_from_world)
         if self.doubts.settled:
             return fit
         with clock.stage("relocalize"):
             better = self.doubts.better(frame.image, fit, self.state.range_m)
-        return fit if better is None else self.begun_at(better, clock)
+        fit = fit if better is None else self.begun_at(better, clock)
+        if self.searched is not None:
+            self.searched = self.searched._replace(cam_from_world=fit.cam_from_world)
+        return fit
 
     def placed(self, fit: Fit, told: Verdict | None, clock: StageClock) -> Fit:
         """The fit, or the one that leads it of those at look-alikes, at which the run begins again; no more in doubt.
@@ -110,5 +168,5 @@ class Beginnings:
         """
         if told is not None and not told.leads:
             return fit
-        self.before = None
+        self.before = self.searched = None
         return fit if told is None or told.fit is fit else self.begun_at(told.fit, clock)

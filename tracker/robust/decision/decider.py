@@ -7,7 +7,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.decision.beginnings import Beginnings
+from uavbench.tracker.robust.decision.beginnings import Beginnings, Within
 from uavbench.tracker.robust.decision.found_edges import FoundEdges
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS, Fit
@@ -68,6 +68,7 @@ class Decider:
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
         first = self.state.is_first
+        self.beginnings.note_begin()
         found = self.told_apart(frame, self.initialized_or_recovered(frame, tracked, clock), clock)
         patches = self.fitter.texture
         best = self.without_patches(frame, found.fit, clock)
@@ -83,7 +84,7 @@ class Decider:
         as_given = self.beginnings.is_as_given(fit) and not is_by_chance(fit, 1)  # it may be wrong
         vouched = self.kept_initial or as_given
         if settled and first and not vouched:
-            self.doubts.begin(fit)
+            self.beginnings.doubt_first(fit)
         anew = self.beginnings.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
             fit, settled, self.led = anew, True, False
@@ -92,9 +93,9 @@ class Decider:
             is_open, contenders = settled and self.is_open(fit), () if slid else others or (Contender(fit),)
             return Decision(fit, settled, found.rivalled, is_open=is_open, contenders=contenders)
         fit = self.beginnings.doubted(frame, fit, clock)
-        before = self.beginnings.before
-        if before is not None and self.doubts.settled:
-            fit = self.beginnings.placed(fit, self.told(frame, fit, before.state, clock), clock)
+        within = self.beginnings.within
+        if within is not None and self.doubts.settled:
+            fit = self.beginnings.placed(fit, self.told(frame, fit, within, clock), clock)
         return Decision(fit, True, is_open=self.is_open(fit))
 
     def told_apart(self, frame: Frame, found: Decision, clock: StageClock) -> Decision:
@@ -104,7 +105,8 @@ class Decider:
         anywhere = state.is_lost or frame.dt_s > GAP_MEMORIES * self.config.motion.memory_s
         if state.is_first or not (anywhere and known):
             return found
-        told = self.told(frame, fit, state, clock)
+        within = Within(state.reach(self.fitter.now_s - state.ok_s), state.range_m)
+        told = self.told(frame, fit, within, clock)
         if told is None:
             return found
         holds = told.is_seen and told.fit.finite and self.holds(frame, fit, searched=found.searched)
@@ -116,12 +118,11 @@ class Decider:
         recent, landmarks = not self.is_slow(frame), self.recalled.landmarks
         return self.state.holds(fit, frame.predicted, searched, recent, landmarks)
 
-    def told(self, frame: Frame, fit: Fit, since: TrackState, clock: StageClock) -> Verdict | None:
-        """The likeliest pose of those at which the structure looks as at a fit, by the last pose of a state."""
+    def told(self, frame: Frame, fit: Fit, within: Within, clock: StageClock) -> Verdict | None:
+        """The likeliest pose of those at which the structure looks as at a fit, and where the camera may be."""
         with clock.stage("relocalize"):
             seen = self.places.between_edges(self.relocator.reader, self.fitter.work)
-            reach = since.reach(self.fitter.now_s - since.ok_s)
-            return self.look_alikes.compared(Lost(frame.image, reach, since.range_m, frame.likely, seen), fit)
+            return self.look_alikes.compared(Lost(frame.image, *within, frame.likely, seen), fit)
 
     def is_open(self, fit: Fit) -> bool:
         """Whether a pose is doubted, or two standard deviations of it are more than the error that it may have."""
