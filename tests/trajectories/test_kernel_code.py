@@ -1,6 +1,6 @@
 """A large kernel is compiled once and called by its symbol; a small one is linked into its callers.
 
-One that allocates nothing counts no references.
+None counts references to its arguments, and one that allocates nothing counts none.
 """
 
 import json
@@ -15,7 +15,7 @@ from numba.core.caching import NullCache
 
 from uavbench.scenes.rendering.antialiasing.coverage import antialias
 from uavbench.tracker.geometry_kernels import inverse6
-from uavbench.trajectories.kernels.compiled import Kernel, unchecked
+from uavbench.trajectories.kernels.compiled import Kernel, compiled, unchecked
 
 TERMS = "\n".join(f"    total += values[{k % 4}] * {k}.0 + len(values)" for k in range(30))
 KERNELS = f"""from uavbench.trajectories.kernels.compiled import compiled
@@ -89,13 +89,19 @@ def run(folder):
     return [name for name in heard if name in KINDS]
 
 
-@pytest.mark.parametrize("allocates", [False, True])
-def test_a_kernel_that_allocates_nothing_counts_no_references(allocates):
-    kernel = Kernel(antialias.py_func, antialias.declared, inner=False, allocates=allocates)
+@compiled("f1")
+def itself(values):
+    """What is given, to which the result is one reference more."""
+    return values
+
+
+@pytest.mark.parametrize(("reads", "allocates", "counts"), [(antialias, 0, 0), (antialias, 1, 0), (itself, 1, 1)])
+def test_a_kernel_counts_references_to_what_it_returns_and_none_to_what_it_reads(reads, allocates, counts):
+    kernel = Kernel(reads.py_func, reads.declared, inner=False, allocates=bool(allocates))
     kernel._cache = NullCache()  # what is loaded from the cache holds no object file
     kernel.compile(None)
     (code,) = kernel.overloads.values()
-    assert (b"NRT_incref" in code.library._get_compiled_object()) == allocates
+    assert (b"NRT_incref" in code.library._get_compiled_object()) == counts
 
 
 def test_an_inlined_function_is_not_called():

@@ -1,13 +1,16 @@
 """What kernels return to Python: classes, values and memory."""
 
 import gc
+import sys
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array
 
@@ -57,6 +60,22 @@ def empty(count: int) -> Array:
     return np.zeros((count, 3))
 
 
+INNER, PAIR = named_tuple(Inner, "f1! i2!"), numba.types.Tuple([numba.int64, numba.float64])
+OUTER = named_tuple(Outer, "inner f0 i0 b0 pair", inner=INNER, pair=PAIR)
+
+
+@compiled("outer", outer=OUTER)
+def parts(outer: Outer) -> tuple[Inner, Array, Array, float]:
+    """Parts and views of an argument, of which one is read again and again."""
+    inner, (count, _), total = outer.inner, outer.pair, 0.0
+    given, row, last = inner.given, inner.made[0], inner.given
+    for i in range(count):
+        row = inner.made[i]
+        last = given[i:]
+        total += last[0] * float(row[1])
+    return inner, row[:1], last, total
+
+
 @pytest.mark.parametrize("call", [nested, unchecked(nested)])
 def test_named_tuples_come_back_as_they_are_declared(call):
     given = np.array([1.0, 2.0])
@@ -101,6 +120,22 @@ def test_memory_is_freed_when_results_are(statistics):
     kept = [empty(5) for _ in range(7)]
     held = statistics()
     assert (held.alloc - held.free) - (after.alloc - after.free) == len(kept)
+
+
+def test_parts_of_an_argument_outlive_the_call_and_no_more(statistics):
+    outer = nested(np.array([1.0, 2.0, 4.0]), 3)
+    arrays = outer.inner.given, outer.inner.made
+    references, before = [sys.getrefcount(each) for each in arrays], statistics()
+    for _ in range(100):
+        inner, row, last, total = parts(outer)
+    assert inner.given is arrays[0] and row.tolist() == [0] and last.tolist() == [4.0] and total == 10.0
+    del inner
+    assert row.base is not None and [sys.getrefcount(each) for each in arrays] != references
+    del row, last
+    after = statistics()
+    assert [sys.getrefcount(each) for each in arrays] == references
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
+    assert outer.inner.made.tolist() == [[0, 0], [0, 1], [0, 2]]
 
 
 def test_errors_of_kernels_come_through():

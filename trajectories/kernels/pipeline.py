@@ -1,10 +1,12 @@
 """numba's compilation pipeline, with types resolved once and machine code generated once.
 
-Own code, because numba resolves the types of `a + b` again at every occurrence, and compiles a callee into each caller.
+Own code, because numba resolves the types of `a + b` again at every occurrence, compiles a callee into each caller, and
+counts a reference to each array of a tuple wherever a part of it is read.
 """
 
 from typing import Any, cast
 
+from numba.core import ir, types
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
@@ -17,6 +19,8 @@ from uavbench.trajectories.kernels.results import FromPython
 INLINED_BYTES = 400
 """Longest Python bytecode of a kernel that is linked into its callers. LLVM inlines up to a cost of 225, some
 50 instructions (its option `inline-threshold`); 400 bytes make several hundred."""
+READ = {"getattr", "exhaust_iter", "getitem", "static_getitem"}
+"""Operations by which parts of tuples, and views of arrays, are read."""
 
 
 class ResolvedOnce:
@@ -59,11 +63,84 @@ class KernelTyping(NopythonTypeInference):
             state.typingctx = context
 
 
-class NotFromPython(Lower):
+class Borrowing(cast(Any, Lower)):  # type: ignore[misc]
+    """Machine code that counts no references to arguments and to parts of them: the caller has them while it runs.
+
+    numba counts each array of a tuple when a field is read, and again when it is read no more.
+    """
+
+    def pre_lower(self) -> None:
+        """Find what is borrowed, before anything is lowered."""
+        self.borrowed = borrowed(self.func_ir, self.typeof)
+        super().pre_lower()
+
+    def lower_assign(self, ty: Any, inst: Any) -> Any:
+        """The value that is assigned; without a count of its own if it is borrowed."""
+        counts = self.context.enable_nrt
+        self.context.enable_nrt = counts and inst.target.name not in self.borrowed
+        try:
+            return super().lower_assign(ty, inst)
+        finally:
+            self.context.enable_nrt = counts
+
+    def storevar(self, value: Any, name: str, argidx: Any = None) -> None:
+        """Store a value in a variable; what a borrowed one held before is nothing to give back."""
+        if name in self.borrowed and name not in self._singly_assigned_vars:
+            self._alloca_var(name, self.typeof(name))
+            self.builder.store(value, self.getvar(name))
+        else:
+            super().storevar(value, name, argidx)
+
+    def delvar(self, name: str) -> None:
+        """Give back what a variable holds, unless it is borrowed."""
+        if name not in self.borrowed:
+            super().delvar(name)
+
+
+def borrowed(function: Any, type_of: Any) -> set[str]:
+    """Names of the variables of a function that are arguments, and parts or views of these, and nothing else."""
+    assigned: dict[str, list[Any]] = {}
+    for block in function.blocks.values():
+        for assign in block.find_insts(ir.Assign):
+            assigned.setdefault(assign.target.name, []).append(assign.value)
+    once = {name: values[0] for name, values in assigned.items() if len(values) == 1}
+    found: set[str] = set()
+    while True:
+        more = {name for name, value in once.items() if name not in found and _is_part(name, value, found, type_of)}
+        if not more:
+            return found
+        found |= more
+
+
+def _is_part(name: str, value: Any, of: set[str], type_of: Any) -> bool:
+    if isinstance(value, ir.Arg):
+        return True
+    if isinstance(value, ir.Var):
+        return value.name in of
+    if not isinstance(value, ir.Expr) or value.op not in READ or value.value.name not in of:
+        return False
+    if isinstance(type_of(value.value.name), types.BaseTuple):
+        return True
+    index = value.index_var if value.op == "static_getitem" else value.index if value.op == "getitem" else None
+    return index is not None and isinstance(type_of(name), types.Array) and _is_basic(type_of(index.name))
+
+
+def _is_basic(index: Any) -> bool:
+    """Whether what an index of this type selects of an array is a view of it."""
+    if isinstance(index, types.BaseTuple):
+        return all(_is_basic(each) for each in cast(Any, index))
+    return isinstance(index, types.Integer | types.SliceType | types.EllipsisType)
+
+
+class NotFromPython(Borrowing):
     """Machine code without the part that unpacks the arguments of a call from Python."""
 
     def create_cpython_wrapper(self, release_gil: bool = False) -> None:
         """No wrapper is created."""
+
+
+class CalledFromPython(Borrowing, FromPython):
+    """Machine code with that part."""
 
 
 @cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
@@ -75,7 +152,7 @@ class KernelLowering(NativeLowering):
     @property
     def lowering_class(self) -> type:
         """The class that lowers to machine code."""
-        return FromPython
+        return CalledFromPython
 
     def run_pass(self, state: Any) -> bool:
         """Lower a typed kernel."""
