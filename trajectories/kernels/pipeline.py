@@ -119,10 +119,13 @@ def _is_part(name: str, value: Any, of: set[str], type_of: Any) -> bool:
         return value.name in of
     if not isinstance(value, ir.Expr) or value.op not in READ or value.value.name not in of:
         return False
-    if isinstance(type_of(value.value.name), types.BaseTuple):
+    whole = type_of(value.value.name)
+    if isinstance(whole, types.BaseTuple):
         return True
+    if not isinstance(whole, types.Array) or not isinstance(type_of(name), types.Array):
+        return False  # what a list or a dictionary holds may be replaced meanwhile
     index = value.index_var if value.op == "static_getitem" else value.index if value.op == "getitem" else None
-    return index is not None and isinstance(type_of(name), types.Array) and _is_basic(type_of(index.name))
+    return index is not None and _is_basic(type_of(index.name))
 
 
 def _is_basic(index: Any) -> bool:
