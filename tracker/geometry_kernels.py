@@ -50,8 +50,16 @@ class SharesInside(NamedTuple):
     end: float
 
 
+class Point(NamedTuple):
+    """A point or a ray by its numbers, which a processor keeps in its registers, as it does not those of an array."""
+
+    x: float
+    y: float
+    z: float
+
+
 @inlined(allocates=False)
-def clip_segment(a: Array, b: Array, planes: Array) -> SharesInside:
+def clip_segment(a: Point, b: Point, planes: Array) -> SharesInside:
     """Shares of the segment a-b at which its part inside all planes (k, 4) starts and ends; start >= end: none.
 
     A point p is inside where n . p + d >= 0 (Liang & Barsky 1984).
@@ -61,8 +69,8 @@ def clip_segment(a: Array, b: Array, planes: Array) -> SharesInside:
         da = planes[k, 0] * a[0] + planes[k, 1] * a[1] + planes[k, 2] * a[2] + planes[k, 3]
         db = planes[k, 0] * b[0] + planes[k, 1] * b[1] + planes[k, 2] * b[2] + planes[k, 3]
         if da < 0.0 and db < 0.0:
-            low = 2.0
-        elif da < 0.0:
+            return SharesInside(2.0, high)
+        if da < 0.0:
             low = max(low, da / (da - db))
         elif db < 0.0:
             high = min(high, da / (da - db))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
-from uavbench.tracker.robust.preprocessing.denoising import noise_level, smoothed
+from uavbench.tracker.robust.preprocessing.denoising import MEDIAN_TO_SIGMA, ROWS_APART, noise_level, smoothed
 
 CONFIG = PreprocessingConfig()
 ALLOWED = CONFIG.max_noise_grey
@@ -25,6 +25,15 @@ def scene(sigma, channels=3, seed=0):
 @pytest.mark.parametrize("channels", [1, 3])
 def test_noise_is_measured_beside_edges_and_shading(sigma, channels):
     assert noise_level(scene(sigma, channels)) == pytest.approx(sigma, rel=0.15)
+
+
+@pytest.mark.parametrize("shape", [(33, 40, 3), (9, 41, 1), (2, 9, 1), (9, 2, 3)])
+def test_noise_is_the_median_of_second_differences_along_both_axes(shape):
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    codes = image[:, :, 1 if shape[2] > 1 else 0].astype(int)
+    across = np.abs(np.diff(np.diff(codes, 2, axis=0), 2, axis=1)[::ROWS_APART])
+    median = np.sort(across, axis=None)[(across.size - 1) // 2] if across.size else 0
+    assert noise_level(image) == MEDIAN_TO_SIGMA * median / 6.0
 
 
 def test_a_frame_with_little_noise_stays_the_same():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from uavbench.tracker.geometry_kernels import Point
 from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, NONE, Triangles, hidden, occluder, sight_from
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.geometry.bvh_kernels import LEAF
@@ -113,7 +114,8 @@ def test_the_triangle_that_is_tried_first_changes_no_answer():
     for _ in range(300):
         eye, point, beside = rng.uniform(-3, 3, 3), rng.uniform(-3, 3, 3), rng.integers(0, 4, 2)
         answers.append(hidden(sight_from(eye), point, tree, *beside))
-        assert [occluder(sight_from(eye), point, tree, *beside, k) != NONE for k in range(12)] == [answers[-1]] * 12
+        at = Point(*point)
+        assert [occluder(sight_from(eye), at, tree, *beside, k) != NONE for k in range(12)] == [answers[-1]] * 12
     assert 0 < sum(answers) < 300
 
 

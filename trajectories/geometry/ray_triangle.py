@@ -7,7 +7,7 @@ from uavbench.trajectories.pose import Array
 
 
 @inlined(allocates=False)
-def ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
+def ray_triangle(o: Array, d: Array | tuple[float, float, float], a: Array, b: Array, c: Array) -> float:
     """Distance along a ray to a triangle, inf when it misses (Moller & Trumbore 1997)."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.geometry_kernels import Point
 from uavbench.trajectories.geometry.bvh import Tree
 from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -40,42 +41,40 @@ class Triangles(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """A viewpoint eye (3,), with the ray (3,) from it to a point and the stack (STACK,) of nodes to visit next.
+    """A viewpoint eye (3,), and the stack (STACK,) of nodes to visit next.
 
-    Made once for all points: making the arrays takes longer than trying one triangle.
+    Made once for all points: making the stack takes longer than trying one triangle.
     """
 
     eye: Array
-    ray: Array
     stack: NDArray[np.int64]
 
 
 TRIANGLES = named_tuple(Triangles, "f3! i1! f3! i2!")
-SIGHT = named_tuple(Sight, "f1! f1! i1!")
+SIGHT = named_tuple(Sight, "f1! i1!")
 
 
 @compiled("f1!", inner=True)
 def sight_from(eye: Array) -> Sight:
     """Sight from a viewpoint (3,)."""
-    return Sight(eye, np.empty(3), np.empty(STACK, np.int64))
+    return Sight(eye, np.empty(STACK, np.int64))
 
 
 @inlined(allocates=False)
-def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
-    """A triangle that occludes a point (3,) of the edge between face_a and face_b, or NONE.
+def occluder(sight: Sight, point: Point, triangles: Triangles, face_a: int, face_b: int, likely: int) -> int:
+    """A triangle that occludes a point of the edge between face_a and face_b, or NONE.
 
     likely: a triangle that is tried first, or NONE; neighbouring points mostly have the same one.
     """
     corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes
-    eye, ray, stack = sight.eye, sight.ray, sight.stack
-    for k in range(3):
-        ray[k] = point[k] - eye[k]
+    eye, stack = sight.eye, sight.stack
+    ray = Point(point.x - eye[0], point.y - eye[1], point.z - eye[2])
     if likely != NONE and face[likely] != face_a and face[likely] != face_b:
         s = ray_triangle(eye, ray, corners[likely, 0], corners[likely, 1], corners[likely, 2])
         if 1e-9 < s < 1.0 - MARGIN:
             return likely
     tiny = 1e-300  # keeps 0 * inf out of the slab test below
-    i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
+    i0, i1, i2 = 1.0 / (ray.x + tiny), 1.0 / (ray.y + tiny), 1.0 / (ray.z + tiny)
     x, y, z = eye[0], eye[1], eye[2]
     from0, from1, from2 = int(i0 < 0.0), int(i1 < 0.0), int(i2 < 0.0)  # the side of a box that the ray enters by
     stack[0] = 0
@@ -105,4 +104,5 @@ def occluder(sight: Sight, point: Array, triangles: Triangles, face_a: int, face
 @compiled("sight f1 triangles i0 i0", inner=True, allocates=False, sight=SIGHT, triangles=TRIANGLES)
 def hidden(sight: Sight, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
     """Whether a triangle occludes a point (3,) of the edge between face_a and face_b."""
-    return occluder(sight, point, triangles, face_a, face_b, NONE) != NONE
+    at = Point(point[0], point[1], point[2])
+    return occluder(sight, at, triangles, face_a, face_b, NONE) != NONE

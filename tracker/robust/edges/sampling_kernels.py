@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row
+from uavbench.tracker.geometry_kernels import Point, camera_centre, clip_segment, normal_row
 from uavbench.tracker.robust.edges.columns import (
     BESIDE,
     BINS,
@@ -28,7 +28,7 @@ from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder, sight_from
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
 from uavbench.tracker.robust.view import VIEW, View, is_clear, pixel_of
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.kernels.lens import project
 from uavbench.trajectories.pose import Array
 
@@ -57,6 +57,17 @@ class VisibleParts(NamedTuple):
     length_px: Array
 
 
+@inlined(allocates=False)
+def in_camera(R: Array, t: Array, ends: Array, e: int, side: int) -> Point:
+    """An end of an edge in the frame of the camera."""
+    x, y, z = ends[e, side, 0], ends[e, side, 1], ends[e, side, 2]
+    return Point(
+        t[0] + R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        t[1] + R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        t[2] + R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
 @compiled("edges view", inner=True, edges=EDGE_MAP, view=VIEW)
 def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     """Parts of the edges of visible faces within the image (Liang & Barsky 1984), without hidden-line removal."""
@@ -78,7 +89,6 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     part = np.empty((n_edges, 2))
     depth = np.empty((n_edges, 2))
     length = np.zeros(n_edges)
-    a, b = np.empty(3), np.empty(3)
     for e in range(n_edges):
         state = 0
         for side in range(2):
@@ -89,11 +99,7 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
                     state |= 1 << side
         if state == 0 or (state == BOTH_FACES and smooth[e]):
             continue
-        for i in range(3):
-            a[i], b[i] = t[i], t[i]
-            for j in range(3):
-                a[i] += R[i, j] * ends[e, 0, j]
-                b[i] += R[i, j] * ends[e, 1, j]
+        a, b = in_camera(R, t, ends, e, 0), in_camera(R, t, ends, e, 1)
         low, high = clip_segment(a, b, clip)
         if low >= high:
             continue
@@ -192,7 +198,6 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
-    q, c = np.empty(3), np.empty(3)
     all_fit = not get_more_points(length, spacing_px, MOST_LENGTH_PX, float(most), True)
     wanted = float(most) if all_fit else FIRST_PART * most
     for sampling in range(1 if all_fit else 0, 2):
@@ -211,11 +216,17 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                 s = (k + 0.5) / count
                 near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
                 s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
-                for i in range(3):
-                    q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
-                for i in range(3):
-                    c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
-                u, v = project(c[0], c[1], c[2], lens)
+                q = Point(
+                    ends[e, 0, 0] + s * (ends[e, 1, 0] - ends[e, 0, 0]),
+                    ends[e, 0, 1] + s * (ends[e, 1, 1] - ends[e, 0, 1]),
+                    ends[e, 0, 2] + s * (ends[e, 1, 2] - ends[e, 0, 2]),
+                )
+                u, v = project(
+                    R[0, 0] * q.x + R[0, 1] * q.y + R[0, 2] * q.z + t[0],
+                    R[1, 0] * q.x + R[1, 1] * q.y + R[1, 2] * q.z + t[1],
+                    R[2, 0] * q.x + R[2, 1] * q.y + R[2, 2] * q.z + t[2],
+                    lens,
+                )
                 if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
                     continue
                 if n == len(points) or not is_clear(u, v, view):
@@ -227,7 +238,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                 if found != NONE:
                     in_front[e] = found
                     continue
-                points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
+                points[n, 0], points[n, 1], points[n, 2] = q.x, q.y, q.z
                 keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, shown, min(BINS - 1, int(s * BINS))
                 n += 1
         wanted *= most / max(n, LEAST_VISIBLE * wanted)

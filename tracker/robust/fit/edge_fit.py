@@ -226,7 +226,7 @@ class EdgeFitter:
             given = self.texture.in_view, self.known_biases, self.values
             aligned, told = unchecked(align_by_patches)(problem, *given)
         if told or not len(problem.points.points):
-            return Aligned(*aligned)
+            return aligned
         view, widths = problem.at, self.values.widths
         with clock.stage("search"):
             half_px = unchecked(search_range)(problem.lines.jacobian, problem.covariance, widths.fine_half_px, most_px)

@@ -8,10 +8,66 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.robust.edges.profile_kernels import ONE
 from uavbench.tracker.robust.patches.matches import HALF, SIDE, WARP, Warp
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 from uavbench.trajectories.pose import Array
 
 Image = NDArray[np.uint8]
+ROWS, COLUMNS = np.repeat(np.arange(float(SIDE)), SIDE), np.tile(np.arange(float(SIDE)), SIDE)
+"""Row and column of each texel of a patch."""
+
+
+class Between(NamedTuple):
+    """Room for n places between pixels, made once: the first of the four pixels about each (n,), how far to the right
+    of it and below the place is (n,), and the codes (4, n) of these pixels.
+
+    A processor finds eight places at once, and the values there, if codes are read by themselves.
+    """
+
+    first: NDArray[np.int32]
+    right: Array
+    below: Array
+    codes: NDArray[np.uint8]
+
+
+BETWEEN = named_tuple(Between, "j1! f1! f1! u2!")
+
+
+@inlined
+def room_between(n: int) -> Between:
+    """Room for n places between pixels."""
+    return Between(np.empty(n, np.int32), np.empty(n), np.empty(n), np.empty((4, n), np.uint8))
+
+
+@inlined(allocates=False)
+def place_between(x: float, y: float, width: float, k: int, between: Between) -> None:
+    """Note that place k is at a pixel (x, y), both at least 0, of an image of this width."""
+    column, row = np.floor(x), np.floor(y)
+    between.right[k], between.below[k] = x - column, y - row
+    between.first[k] = np.int32(row * width + column)
+
+
+@inlined(allocates=False)
+def read_codes(image: Image, channel: int, n: int, between: Between) -> None:
+    """Read the codes of a channel in the pixels about the first n places."""
+    h, w, channels = image.shape
+    codes, read, first = image.reshape(h * w * channels), between.codes, between.first
+    step, start = np.uint32(channels), np.uint32(channel)
+    row = np.uint32(w) * step
+    for k in range(n):
+        p = np.uint32(first[k]) * step + start
+        read[0, k], read[1, k] = codes[p], codes[p + step]
+        read[2, k], read[3, k] = codes[p + row], codes[p + row + step]
+
+
+class Texels(NamedTuple):
+    """Room for the grey values of a patch, made once: grey (SIDE, SIDE), and the places of its texels."""
+
+    grey: Array
+    between: Between
+
+
+TEXELS = named_tuple(Texels, "f2! between", between=BETWEEN)
 
 
 class Likeness(NamedTuple):
@@ -23,6 +79,37 @@ class Likeness(NamedTuple):
     correlation: float
     mean: float
     scale: float
+
+
+@inlined
+def room_for_texels() -> Texels:
+    """Room for the grey values of a patch."""
+    return Texels(np.empty((SIDE, SIDE)), room_between(SIDE * SIDE))
+
+
+@compiled("u3 warp f0 f0 texels", inner=True, allocates=False, warp=WARP, texels=TEXELS)
+def sample_texels(image: Image, at: Warp, a: float, b: float, into: Texels) -> None:
+    """Grey values of the texels of a patch from (a, b) on: as `sample`, all of them at once where they are inside."""
+    h, w, channels = image.shape
+    channel, width = 1 if channels > 1 else 0, float(w)
+    x_right, x_down, y_right, y_down = at.x_right, at.x_down, at.y_right, at.y_down
+    u0 = at.u + x_right * (a - HALF) + x_down * (b - HALF)
+    v0 = at.v + y_right * (a - HALF) + y_down * (b - HALF)
+    for i in (0, SIDE - 1):
+        for j in (0, SIDE - 1):
+            x, y = u0 + x_right * j + x_down * i, v0 + y_right * j + y_down * i
+            if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
+                sample(image, at, a, b, into.grey)
+                return
+    between, codes, grey = into.between, into.between.codes, into.grey.reshape(SIDE * SIDE)
+    for k in range(SIDE * SIDE):
+        i, j = ROWS[k], COLUMNS[k]
+        place_between(u0 + x_right * j + x_down * i, v0 + y_right * j + y_down * i, width, k, between)
+    read_codes(image, channel, SIDE * SIDE, between)
+    for k in range(SIDE * SIDE):
+        right, below = between.right[k], between.below[k]
+        upper, lower = (1 - right) * codes[0, k] + right * codes[1, k], (1 - right) * codes[2, k] + right * codes[3, k]
+        grey[k] = (1 - below) * upper + below * lower
 
 
 @compiled("u3 warp f0 f0 f2!", inner=True, allocates=False, warp=WARP)

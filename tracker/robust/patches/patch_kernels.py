@@ -10,7 +10,15 @@ from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.config.patches import AlignmentConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles, hidden, sight_from
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.tracker.robust.patches.likeness_kernels import Likeness, likeness, sample
+from uavbench.tracker.robust.patches.likeness_kernels import (
+    TEXELS,
+    Likeness,
+    Texels,
+    likeness,
+    room_for_texels,
+    sample,
+    sample_texels,
+)
 from uavbench.tracker.robust.patches.matches import (
     HALF,
     PATCHES,
@@ -166,7 +174,7 @@ def align(image: Image, given: PatchesInView, view: View) -> PatchMatches:
     observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.empty(n)
     variance[:] = config.variance_px2
     reach = REACH_TEXELS
-    now, around = np.empty((SIDE, SIDE)), np.empty((SIDE + 2 * reach, SIDE + 2 * reach))
+    now, around = room_for_texels(), np.empty((SIDE + 2 * reach, SIDE + 2 * reach))
     coarse = 0
     for k in range(n):
         p = chosen[k]
@@ -203,8 +211,8 @@ def align(image: Image, given: PatchesInView, view: View) -> PatchMatches:
     return PatchMatches(places, observed, score, variance)
 
 
-@compiled("u3 warp f0 f0 f2 f2! f0", inner=True, allocates=False, warp=WARP)
-def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, least_grey: float) -> Shift:
+@compiled("u3 warp f0 f0 f2 texels f0", inner=True, allocates=False, warp=WARP, texels=TEXELS)
+def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Texels, least_grey: float) -> Shift:
     """The shift that aligns a patch with its reference `ref`, starting from (da, db); grey values there go to `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9
     for i in range(1, SIDE - 1):
@@ -216,17 +224,17 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
         return Shift(da, db, -1.0, 0.0)
-    reach = REACH_TEXELS
+    reach, grey = REACH_TEXELS, now.grey
     begin_a, begin_b, found = da, db, Likeness(-1.0, 0.0, 0.0)
     for _ in range(MAX_STEPS):
-        sample(image, at, da, db, now)
-        found = likeness(now, 0, 0, ref, least_grey)
+        sample_texels(image, at, da, db, now)
+        found = likeness(grey, 0, 0, ref, least_grey)
         if found.scale == 0.0:
             return Shift(da, db, -1.0, 0.0)
         ea, eb = 0.0, 0.0
         for i in range(1, SIDE - 1):
             for j in range(1, SIDE - 1):
-                e = (now[i, j] - found.mean) * found.scale - ref[i, j]
+                e = (grey[i, j] - found.mean) * found.scale - ref[i, j]
                 ea += 0.5 * (ref[i, j + 1] - ref[i, j - 1]) * e
                 eb += 0.5 * (ref[i + 1, j] - ref[i - 1, j]) * e
         step_a, step_b = (h11 * ea - h01 * eb) / det, (h00 * eb - h01 * ea) / det
