@@ -1,5 +1,6 @@
 """A track is matched where its poses usually are, and told by the image alone."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -70,6 +71,18 @@ def test_after_an_unusual_motion_the_likelier_fit_counts(off):
     free = run.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, StageClock())
     assert error(fit, pose) < 0.004
     assert run.follower.worth(frame, fit) >= run.follower.worth(frame, free)
+
+
+def test_a_well_supported_fit_elsewhere_gives_way_to_a_likelier_one_where_frames_are_far_apart(monkeypatch):
+    """At 5 Hz a joint of panels above a window was taken for its upper edge: its support alone was good enough."""
+    run, frame, pose = after(step_ns=3 * STEP_NS)
+    right = run.follower.held(frame, run.follower.usual_covariance(frame), StageClock())
+    aside = Pose(pose.rotation, pose.translation + np.array([0.0, 0.05, 0.0]))
+    slid = replace(right, cam_from_world=aside, support=run.state.usual_or_good())
+    assert slid.support < right.support
+    monkeypatch.setattr(run.fitter, "fit", lambda *_, **__: slid)
+    assert run.follower.usual(frame) is None
+    assert error(run.follower.fit(frame, StageClock()), pose) < 0.004
 
 
 def test_nothing_is_usual_of_a_first_frame_one_after_a_pause_or_a_loss_or_a_vehicles_prediction():

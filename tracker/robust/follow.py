@@ -31,8 +31,15 @@ class Follower:
         at, usual = frame.predicted, self.usual(frame)
         if usual is None:
             free = self.fitter.fit(frame.image, at.cam_from_world, at.covariance, clock)
-            alone = not self.is_predicted(frame) or free.support >= self.state.usual_or_good()
-            return free if alone else self.or_pinned(frame, free, clock)
+            if not self.is_predicted(frame):
+                return free
+            near = self.state.is_expected(free, at)
+            if near and free.support >= self.state.usual_or_good():
+                return free
+            if not near:
+                held = self.held(frame, self.usual_covariance(frame), clock)
+                free = max(free, held, key=lambda each: self.worth(frame, each))
+            return self.or_pinned(frame, free, clock)
         held = self.held(frame, usual, clock)
         near = Motion(at.cam_from_world, usual).squared_mahalanobis(held.cam_from_world) <= FAR_CHI2
         if held.finite and near and held.support >= self.state.usual_or_good():
@@ -89,6 +96,10 @@ class Follower:
         """
         if not (self.is_predicted(frame) and self.config.budget.is_least(frame.step_s)):
             return None
+        return self.usual_covariance(frame)
+
+    def usual_covariance(self, frame: Frame) -> Array:
+        """Covariance (6, 6) that the run's own predictions have shown."""
         state, known = self.state, self.state.motion.covariance
         return known + state.prediction_errors.scale * (frame.predicted.covariance - known)
 
