@@ -1,6 +1,7 @@
 """A track goes on while chance would not find so many edges, and no longer."""
 
 from dataclasses import replace
+from itertools import pairwise
 from math import log10
 
 import numpy as np
@@ -11,7 +12,16 @@ from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corne
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust import track_state
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.fit.false_alarms import PARTS_OF_LINE, Chance, Found, chance, lines_of_edges
+from uavbench.tracker.robust.fit.false_alarms import (
+    HIDDEN_PARTS,
+    OTHERWISE_HIDDEN,
+    PARTS_OF_LINE,
+    Chance,
+    Found,
+    chance,
+    evidence,
+    lines_of_edges,
+)
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.robust.tracker import Robust
@@ -104,6 +114,31 @@ def test_what_was_skipped_or_has_no_candidate_is_taken_for_hidden():
     found.residual[12:], found.candidates[12:] = 0.0, 0
     assert chance(found, np.arange(18)).edges == pytest.approx(expected)
     assert by_chance(hidden).edges == 0.0
+
+
+def all_missing(points):
+    """Logarithms of the ratios of so many points that are not found, by the part that is hidden."""
+    return points * np.log(HIDDEN_PARTS)
+
+
+def test_what_is_found_beside_others_is_as_likely_as_their_hidden_part_says():
+    seen, nothing = 20 * np.log(HIDDEN_PARTS + (1 - HIDDEN_PARTS) * 5.0), np.zeros(len(HIDDEN_PARTS))
+    part = np.exp(seen) / np.exp(seen).sum()
+    part = (1 - OTHERWISE_HIDDEN) * part + OTHERWISE_HIDDEN / len(part)
+    for some in (seen, all_missing(3)):
+        assert evidence(some, seen) == pytest.approx(log10(part @ np.exp(some)))
+    assert evidence(nothing, seen) == pytest.approx(0.0)
+    assert evidence(all_missing(4), nothing) == pytest.approx(log10((HIDDEN_PARTS**4).mean()))
+
+
+def test_what_is_missing_beside_others_that_are_seen_speaks_against_a_pose_but_never_beyond_doubt():
+    """Ten posts that are not there where nothing else is hidden are unlikely; a tree may stand before all of them."""
+    seen = 50 * np.log(HIDDEN_PARTS + (1 - HIDDEN_PARTS) * 5.0)
+    lacking = [evidence(all_missing(n), seen) for n in (1, 3, 10, 40)]
+    assert all(after < before for before, after in pairwise(lacking))
+    assert lacking[0] < -0.9
+    least = OTHERWISE_HIDDEN / len(HIDDEN_PARTS) * HIDDEN_PARTS[-1] ** 40
+    assert lacking[-1] >= log10(least)
 
 
 def test_patches_that_are_found_count_and_missed_ones_cannot_hide_the_edges():

@@ -11,14 +11,14 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.edges.steps.optics_kernels import OPTICS, Optics
 from uavbench.tracker.robust.edges.weight_kernels import found_parts, support
-from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance, lines_of_edges
+from uavbench.tracker.robust.fit.false_alarms import Chance, Found, chance, evidence, lines_of_edges, ratios_of_edges
 from uavbench.tracker.robust.fit.kernel_config import KERNEL_CONFIG, WIDTHS, KernelConfig, Widths
 from uavbench.tracker.robust.fit.pose_fit import SEARCHED, Fit, FitResiduals, Searched
 from uavbench.tracker.robust.fit.stage_kernels import EDGE_MODEL, LOCATED, EdgeModel, Located, locate
 from uavbench.tracker.robust.solver.bias_state import BIASES_IN_VIEW, BiasesInView
 from uavbench.tracker.robust.solver.sum_kernels import WEIGHTING, Weighting
 from uavbench.tracker.robust.view import VIEW, View, placed
-from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -51,13 +51,9 @@ def judge(searched: Searched, at: Located, appearance: Array, values: KernelConf
     """What the matches of a search support, and the last fit finds; appearance: of the edges."""
     problem, aligned, estimate = searched.problem, searched.aligned, searched.found.estimate
     measured, matched, last = searched.found.measured, estimate.weighting, at.estimate.weighting
-    correlation, distance = aligned.matches.correlation, measured.candidates.distance
+    correlation, candidates = aligned.matches.correlation, numbers_of_candidates(measured)
     weak_step, inliers, found = values.appearance.weak_step_grey, 0, 0.0
     share = support(measured, problem.counts, matched.weight, matched.patch_weight, correlation, appearance, weak_step)
-    candidates = np.zeros(len(distance), np.int64)
-    for p in range(distance.shape[0]):
-        for k in range(distance.shape[1]):
-            candidates[p] += int(distance[p, k] < np.inf)
     for p in range(len(last.weight)):
         inliers += int(last.weight[p] != 0.0)
     for p in range(len(last.patch_weight)):
@@ -78,6 +74,17 @@ def judge(searched: Searched, at: Located, appearance: Array, values: KernelConf
         found,
         by_chance,
     )
+
+
+@compiled("measured", inner=True, measured=EDGE_MEASUREMENTS)
+def numbers_of_candidates(measured: EdgeMeasurements) -> Indices:
+    """Number (n,) of the candidates on each search line."""
+    distance = measured.candidates.distance
+    numbers = np.zeros(len(distance), np.int64)
+    for p in range(distance.shape[0]):
+        for k in range(distance.shape[1]):
+            numbers[p] += int(distance[p, k] < np.inf)
+    return numbers
 
 
 @compiled("f2 f2 f1", inner=True, allocates=False)
@@ -123,8 +130,41 @@ def chance_of_matches(
         widths.fine_half_px,
         widths.last_px,
     )
-    apart_rad = 2.0 * widths.last_px / view.lens[0]  # two edges, each within the cutoff of one line
-    return chance(found, lines_of_edges(view.R, view.t, points.points, points.first, apart_rad))
+    return chance(found, lines_of_edges(view.R, view.t, points.points, points.first, apart_rad(view, widths)))
+
+
+@compiled("view widths", inner=True, allocates=False, view=VIEW, widths=WIDTHS)
+def apart_rad(view: View, widths: Widths) -> float:
+    """Angle between two edges, each within the cutoff of one line of the image."""
+    return float(2.0 * widths.last_px / view.lens[0])
+
+
+@compiled("searched i1! widths", searched=SEARCHED, widths=WIDTHS)
+def ratios_of_points(searched: Searched, chosen: Indices, widths: Widths) -> Array:
+    """Logarithm (k,) of the likelihood ratio of chosen (m,) control points, ascending, by the part that is hidden."""
+    measured, estimate = searched.found.measured, searched.found.estimate
+    points, first = measured.points, np.empty(len(chosen) + 1, np.int64)
+    variance_px2, edges, before = np.empty(len(chosen)), 0, -1
+    for i in range(len(chosen)):
+        variance_px2[i] = max(measured.variance_px2[chosen[i]], widths.trusted_px**2)
+        edge = np.searchsorted(points.first, chosen[i], side="right")
+        if edge != before:
+            first[edges], edges, before = i, edges + 1, edge
+    first[edges] = len(chosen)
+    found = Found(
+        points.rows[chosen],
+        first[: edges + 1],
+        numbers_of_candidates(measured)[chosen],
+        estimate.weighting.residual[chosen],
+        variance_px2,
+        np.zeros(0),
+        np.zeros(0),
+        widths.fine_half_px,
+        widths.last_px,
+    )
+    view = placed(searched.aligned.at, estimate.R, estimate.t)
+    lines = lines_of_edges(view.R, view.t, points.points[chosen], found.first, apart_rad(view, widths))
+    return ratios_of_edges(found, lines)
 
 
 @compiled(
@@ -171,6 +211,12 @@ def fit_of(searched: Searched, at: Located, judged: Judged) -> Fit:
         ),
         searched,
     )
+
+
+def evidence_of_some(searched: Searched, some: NDArray[np.bool_], values: KernelConfig) -> float:
+    """Powers of ten by which what is found of some (n,) control points, beside the others, is likelier than chance."""
+    ratios = [unchecked(ratios_of_points)(searched, np.flatnonzero(each), values.widths) for each in (some, ~some)]
+    return evidence(*ratios)
 
 
 def parts_found(searched: Searched, appearance: Array, values: KernelConfig) -> Array:

@@ -12,13 +12,13 @@ from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
-from uavbench.tracker.robust.fit.judging import parts_found
+from uavbench.tracker.robust.fit.judging import evidence_of_some, parts_found
 from uavbench.tracker.robust.fit.pose_fit import Fit, Searched
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, SURE, Ranking, Sought
 from uavbench.tracker.robust.relocalization.scoring.pose_search import PoseSearch
-from uavbench.tracker.robust.relocalization.self_similarity import STILL, SelfSimilarity
+from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
@@ -212,9 +212,15 @@ class Rivals:
         self.fitter.work.done += self.cost_of_moves
         return self.similarity.moves(*self.some_found(fit), least)
 
-    def explains(self, move: RigidMotion, fit: Fit, least: float) -> bool:
-        """Whether a move of the structure explains at least this part of what was found as well."""
-        return bool(self.similarity.moved(move, *self.some_found(fit), least, STILL))
+    def evidence_beside(self, move: RigidMotion, fit: Fit) -> float:
+        """Powers of ten by which what a fit finds of edges is likelier than chance, of those that a move of the
+        structure brings onto no others.
+        """
+        if fit.searched is None:
+            return 0.0
+        points, along = fit.searched.problem.points.points, self.along(fit.searched)
+        onto = self.similarity.on_edges(points @ move.R.T + move.t, along @ move.R.T)
+        return evidence_of_some(fit.searched, ~onto, self.fitter.values)
 
     def some_found(self, fit: Fit) -> OnEdges:
         """Some of the control points that a search found, spread over all of them."""
