@@ -17,7 +17,7 @@ from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.ranking import Contender, Likely, Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.solver.solve_kernels import UNKNOWNS
-from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.robust.track_state import Told, TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
@@ -40,7 +40,8 @@ def fit(x_m, support, log10_chance=-20.0):
 def tracked(speed_m_s):
     """State of a run that was ok until now and moves along x."""
     motion = Motion(at(0.0), isotropic_covariance(0.001, RANGE_M), np.array([speed_m_s, 0, 0, 0, 0, 0.0]))
-    return TrackState(CONFIG, motion, RANGE_M, ok_ns=0, usual_support=0.7, frames_ok=5)
+    told = Told(motion, RANGE_M, 0.0)
+    return TrackState(CONFIG, motion, RANGE_M, ok_ns=0, usual_support=0.7, frames_ok=5, told=told)
 
 
 def followed(state, frames):
@@ -93,6 +94,18 @@ def test_from_a_place_to_another_one_that_looks_alike_nothing_moves():
     stamp_ns += step_ns
     (only,) = state.likely(state.predicted(stamp_ns * 1e-9, stamp_ns), stamp_ns)
     assert abs(only.predicted.cam_from_world.translation[0]) < 0.05
+
+
+def test_where_the_camera_may_be_is_told_by_the_last_pose_that_was_told():
+    """A track that is followed without being believed went 2.4 m aside: that says nothing of where it may be."""
+    state, told = tracked(speed_m_s=0.0), tracked(speed_m_s=0.0)
+    state.learn(state.predicted(0.5, STEP_NS), fit(2.4, 0.7), 0.5, STEP_NS)
+    assert state.motion.cam_from_world.translation[0] == pytest.approx(2.4)
+    for each, same in zip(state.within(1.0).reach, told.within(1.0).reach, strict=True):
+        np.testing.assert_allclose(each.cam_from_world.translation, same.cam_from_world.translation)
+        np.testing.assert_allclose(each.covariance, same.covariance)
+    state.told = Told(state.motion, RANGE_M, 0.5)
+    assert all(each.cam_from_world.translation[0] > 2.3 for each in state.within(0.5).reach)
 
 
 @pytest.mark.parametrize("unsound", [(0.4, -18.0), (float("nan"), -18.0), (0.9, -5.0)])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
+from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.robust.tracker import Robust
 
 STEP_NS = 66_666_667
@@ -21,15 +22,16 @@ def blank(image):
 class AfterALoss:
     """A run that saw a box, and then blank frames; what comes then shows edges and faces that it has not learned."""
 
-    def __init__(self):
+    def __init__(self, known=False):
         self.poses, self.images = flown(110, seed=11)
         self.run = Robust().start(box(), CAMERA, self.poses[0], np.random.default_rng(0))
         self.frame = 0
         assert {self.next().status for _ in range(LEARNED)} == {"ok"}
         self.usual = self.run.state.usual_support
         assert {self.next(blank).status for _ in range(LOST)} == {"lost"}
-        self.run.fitter.forget()
-        self.run.decider.places.forget()
+        if not known:
+            self.run.fitter.forget()
+            self.run.decider.places.forget()
         self.known = self.run.fitter.memory
 
     def next(self, changed=lambda image: image):
@@ -70,3 +72,27 @@ def test_what_was_known_returns_if_the_new_pose_is_not_confirmed(run):
     assert all(now is before for now, before in zip(run.run.fitter.memory[:3], run.known[:3], strict=True))
     assert run.run.state.usual_support == run.usual
     assert not run.run.fitter.appearance.any()  # nothing was learned at the doubted pose
+
+
+@pytest.fixture
+def doubtful(monkeypatch):
+    """The same run, which knows the box; but chance may find as much as it finds of it."""
+    monkeypatch.setattr(TrackState, "is_beyond_doubt", lambda *_: False)
+    return AfterALoss(known=True)
+
+
+def test_a_pose_found_long_after_the_last_one_is_followed_and_believed_once_it_is_not_doubted(doubtful):
+    results = [doubtful.next() for _ in range(15)]
+    statuses = [result.status for result in results]
+    assert statuses[0] == "ambiguous"
+    assert set(statuses[statuses.index("ok") :]) == {"ok"}
+    assert error_m(results[-1].cam_from_world, doubtful.true) < 0.01
+    assert doubtful.run.decider.beginnings.before is None
+
+
+def test_what_was_known_returns_if_a_doubted_pose_after_a_loss_is_not_confirmed(doubtful):
+    assert doubtful.next().status == "ambiguous"
+    assert doubtful.run.state.frames_ok == LEARNED + 1
+    assert doubtful.next(blank).status == "lost"
+    assert doubtful.run.state.frames_ok == LEARNED
+    assert all(now is before for now, before in zip(doubtful.run.fitter.memory[:3], doubtful.known[:3], strict=True))

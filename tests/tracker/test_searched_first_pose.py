@@ -5,10 +5,11 @@ import pytest
 
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, look_at
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.robust.decision.beginnings import Searched, Within
+from uavbench.tracker.robust.decision.beginnings import Untold
 from uavbench.tracker.robust.decision.decider import Decision
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.look_alikes import Verdict
+from uavbench.tracker.robust.track_state import Within
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
@@ -86,13 +87,13 @@ def test_it_is_believed_where_the_structure_looks_alike_nowhere_else(searched, m
 def test_it_is_forgotten_where_a_frame_does_not_confirm_it(searched, monkeypatch):
     searched.decided(monkeypatch, Verdict(searched.found, leads=False))
     searched.decider.beginnings.give_up_doubted(searched.frame.before)
-    assert not searched.decider.beginnings.in_doubt and searched.decider.beginnings.within is None
+    assert not searched.decider.beginnings.in_doubt and searched.decider.beginnings.untold is None
 
 
 def test_where_the_camera_may_be_moves_along_with_the_track():
     """A look-alike is as far from where the camera might have been as when the pose was found."""
     start, found = before(0.0), before(0.25)
-    searched = Searched(found, Within((Motion(start, isotropic_covariance(0.1, RANGE_M)),), RANGE_M))
+    searched = Untold(found, Within((Motion(start, isotropic_covariance(0.1, RANGE_M)),), RANGE_M))
     turned = Pose.exp([0.1, -0.05, 0.02, 0.03, 0.1, -0.02]) @ found
     moved = searched.moved_to(turned)
     assert moved.cam_from_world is turned

@@ -13,7 +13,7 @@ from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.look_alikes import after, moved
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity, turns_about
-from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.robust.track_state import Told, usual_rate_1_s
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.pose import Pose
 
@@ -72,7 +72,7 @@ def test_a_forgotten_velocity_is_told_by_the_last_one_and_the_assumed_one_alike(
     assumed, still = config.motion.initial_rate_1_s, np.zeros(6)
     for velocity, rate in ((None, assumed), (still, assumed / 2**0.5), (2.0 * assumed * np.ones(6), None)):
         at = Motion(Pose(np.eye(3), np.zeros(3)), isotropic_covariance(0.01, 1.0), velocity, velocity)
-        found = TrackState(config, at, 1.0).usual_rate_1_s
+        found = usual_rate_1_s(Told(at, 1.0, 0.0), config)
         assert found == pytest.approx(assumed * 2.5**0.5 if rate is None else rate)
 
 

@@ -27,9 +27,33 @@ class Hypothesis(NamedTuple):
     errors: PredictionErrors
 
 
+class Told(NamedTuple):
+    """Motion and range (m) at the last pose that was told, and its stamp, s."""
+
+    motion: Motion
+    range_m: float
+    stamp_s: float
+
+
+class Within(NamedTuple):
+    """Where the camera may be, whatever was found since, and how far that is from the structure, m."""
+
+    reach: tuple[Motion, ...]
+    range_m: float
+
+    def moved(self, by: Pose) -> "Within":
+        """The same after a motion of the camera."""
+        return Within(
+            tuple(replace(each, cam_from_world=by @ each.cam_from_world) for each in self.reach), self.range_m
+        )
+
+
 @dataclass
 class TrackState:
-    """Motion and range (m) at the last frame that was ok, its stamp (None before the first), and the usual support."""
+    """Motion and range (m) at the last frame that was ok, its stamp (None before the first), and the usual support.
+
+    told: the last of these poses that was not open, before it the initial one; None before the first frame.
+    """
 
     config: RobustConfig
     motion: Motion
@@ -40,11 +64,7 @@ class TrackState:
     is_lost: bool = False
     hypotheses: tuple[Hypothesis, ...] = ()
     prediction_errors: PredictionErrors = field(default_factory=PredictionErrors)
-
-    @property
-    def ok_s(self) -> float:
-        """Stamp of the last frame that was ok, s; NaN before the first."""
-        return math.nan if self.ok_ns is None else self.ok_ns * 1e-9
+    told: Told | None = None
 
     @property
     def is_first(self) -> bool:
@@ -75,23 +95,23 @@ class TrackState:
         lost_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         return (self.spread(Likely(predicted, scale=self.prediction_errors.scale), lost_s),)
 
-    def reach(self, dt_s: float) -> tuple[Motion, ...]:
-        """Where the camera may be, dt_s after the last frame that was ok, whatever frames since then suggested."""
-        predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
-        predicted = self.spread(Likely(predicted), dt_s, self.usual_rate_1_s).predicted
-        return predicted, replace(predicted, cam_from_world=self.motion.cam_from_world)
+    def within(self, now_s: float) -> Within:
+        """Where the camera may be since the last pose that was told, whatever frames since then suggested."""
+        assert self.told is not None
+        motion, range_m, told_s = self.told
+        predicted = self.spread(Likely(self.carried_on(now_s)), now_s - told_s, usual_rate_1_s(self.told, self.config))
+        still = replace(predicted.predicted, cam_from_world=motion.cam_from_world)
+        return Within((predicted.predicted, still), range_m)
 
-    @property
-    def usual_rate_1_s(self) -> float:
-        """Standard deviation of a forgotten velocity, in ranges/s and rad/s: by the one assumed, and by the last one.
+    def told_before_s(self, now_s: float) -> float:
+        """Time since the last pose that was told."""
+        return math.inf if self.told is None else now_s - self.told.stamp_s
 
-        Each counts as the squares of six unknowns.
-        """
-        assumed, last = self.config.motion.initial_rate_1_s, self.motion.mean_velocity
-        if last is None:
-            return assumed
-        squares = float(last[:3] @ last[:3]) / self.range_m**2 + float(last[3:] @ last[3:])
-        return math.sqrt((UNKNOWNS * assumed**2 + squares) / (2 * UNKNOWNS))
+    def carried_on(self, now_s: float) -> Motion:
+        """Where motion leads since the last pose that was told."""
+        assert self.told is not None
+        motion, range_m, told_s = self.told
+        return motion.predict(now_s - told_s, range_m, self.config.motion)
 
     def spread(self, likely: Likely, after_s: float, rate_1_s: float | None = None) -> Likely:
         """A prediction so long after its last pose, with what a forgotten velocity leaves unknown.
@@ -208,7 +228,7 @@ class TrackState:
         accepted = Hypothesis(self.motion, stamp_ns - round(dt_s * 1e9), 0.0, self.prediction_errors)
         found = []
         for fit, worth, follows in sound:
-            goes_on = self.hypotheses and self.goes_on(fit, likely[follows].predicted, dt_s)
+            goes_on = self.hypotheses and self.goes_on(fit, likely[follows].predicted, stamp_ns * 1e-9)
             motion, since_ns, _, errors = self.hypotheses[follows] if goes_on else accepted
             since_s = (stamp_ns - since_ns) * 1e-9
             moved = motion.update(fit.cam_from_world, fit.covariance, since_s, self.config.motion.memory_s)
@@ -216,12 +236,12 @@ class TrackState:
             found.append(Hypothesis(moved, stamp_ns, worth - sound[0].worth, errors))
         self.hypotheses = tuple(found)
 
-    def goes_on(self, fit: Fit, predicted: Motion, dt_s: float) -> bool:
-        """Whether a fit is the continuation of a prediction, and not as far from it as one of the last accepted pose.
+    def goes_on(self, fit: Fit, predicted: Motion, now_s: float) -> bool:
+        """Whether a fit is the continuation of a prediction, and not as far from it as one of the last pose told.
 
         A place at which the structure looks alike is no motion from the other one.
         """
-        near, there = predicted.squared_mahalanobis(fit.cam_from_world), self.reach(dt_s)
+        near, there = predicted.squared_mahalanobis(fit.cam_from_world), self.within(now_s).reach
         return near <= max(FAR_CHI2, min(each.squared_mahalanobis(fit.cam_from_world) for each in there))
 
     def is_sound(self, fit: Fit, least: float) -> bool:
@@ -257,3 +277,15 @@ class TrackState:
         # The first frame says little about the next ones, since the appearance of its edges is not known yet.
         self.usual_support += max(rate, 1 / max(1, self.frames_ok)) * (fit.support - self.usual_support)
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
+
+
+def usual_rate_1_s(told: Told, config: RobustConfig) -> float:
+    """Standard deviation of a forgotten velocity, in ranges/s and rad/s: by the one assumed, and by the last one.
+
+    Each counts as the squares of six unknowns.
+    """
+    assumed, last = config.motion.initial_rate_1_s, told.motion.mean_velocity
+    if last is None:
+        return assumed
+    squares = float(last[:3] @ last[:3]) / told.range_m**2 + float(last[3:] @ last[3:])
+    return math.sqrt((UNKNOWNS * assumed**2 + squares) / (2 * UNKNOWNS))

@@ -18,7 +18,7 @@ from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.preprocessing.masking import Masking
 from uavbench.tracker.robust.rehearsal import rehearse
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
-from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.robust.track_state import Told, TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
@@ -95,6 +95,7 @@ class RobustRun:
         with clock.stage("learn"):
             self.learn(frame, decision.fit, stamp_ns)
             if not decision.is_open:
+                self.state.told = Told(self.state.motion, self.state.range_m, stamp_ns * 1e-9)
                 self.decider.places.add(frame.image, decision.fit.cam_from_world, decision.fit.range_m)
         return undecided(decision, frame, clock) if decision.is_open else self.tracked(decision.fit, image, clock)
 

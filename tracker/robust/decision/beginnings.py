@@ -11,7 +11,8 @@ from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.look_alikes import Verdict
-from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.robust.relocalization.ranking import ends_at
+from uavbench.tracker.robust.track_state import Told, TrackState, Within
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
@@ -24,15 +25,8 @@ class Before(NamedTuple):
     photometry: Photometry
 
 
-class Within(NamedTuple):
-    """Where the camera may be, whatever was found since, and how far it is from the structure."""
-
-    reach: tuple[Motion, ...]
-    range_m: float
-
-
-class Searched(NamedTuple):
-    """A first pose that a search found, not told yet from others at which the structure looks alike.
+class Untold(NamedTuple):
+    """A pose that a search found, not told yet from others at which the structure looks alike.
 
     within: where the camera might have been then, moved along with it.
     """
@@ -40,11 +34,9 @@ class Searched(NamedTuple):
     cam_from_world: Pose
     within: Within
 
-    def moved_to(self, cam_from_world: Pose) -> "Searched":
+    def moved_to(self, cam_from_world: Pose) -> "Untold":
         """The same after the motion that a track tells, which is that from a look-alike, too."""
-        by = cam_from_world @ self.cam_from_world.inverse()
-        moved = tuple(replace(each, cam_from_world=by @ each.cam_from_world) for each in self.within.reach)
-        return Searched(cam_from_world, self.within._replace(reach=moved))
+        return Untold(cam_from_world, self.within.moved(cam_from_world @ self.cam_from_world.inverse()))
 
 
 class Beginnings:
@@ -54,47 +46,49 @@ class Beginnings:
         self.doubts, self.relocator, self.fitter = doubts, doubts.relocator, doubts.fitter
         self.found_edges, self.state, self.config = found_edges, state, doubts.fitter.config
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
-        self.began_s: float | None = None
         self.before: Before | None = None
-        self.searched: Searched | None = None
+        self.untold: Untold | None = None
 
     @property
     def in_doubt(self) -> bool:
         """Whether the pose is doubted, or not told yet from others at which the structure looks alike."""
-        return not self.doubts.settled or self.before is not None or self.searched is not None
-
-    @property
-    def within(self) -> Within | None:
-        """Where the camera may be instead of at a pose that is to be told from its look-alikes; None without any."""
-        if self.before is None:
-            return self.searched and self.searched.within
-        state = self.before.state
-        return Within(state.reach(self.fitter.now_s - state.ok_s), state.range_m)
+        return not self.doubts.settled or self.untold is not None
 
     def note_begin(self) -> None:
-        """Note when the run began, at its first frame."""
-        self.began_s = self.fitter.now_s if self.began_s is None else self.began_s
+        """Note when the run began, at its first frame; no pose is told before but the initial one, and that roughly."""
+        if self.state.told is None:
+            wide = isotropic_covariance(self.config.relocalization.guess_sigma, self.initial_range_m)
+            roughly = replace(self.initial, covariance=self.initial.covariance + wide)
+            self.state.told = Told(roughly, self.initial_range_m, self.fitter.now_s)
 
     def doubt_first(self, fit: Fit) -> None:
-        """Doubt a first pose; one that a search found is told from its look-alikes about the initial one, too.
-
-        The camera has moved since that was given.
-        """
+        """Doubt a first pose; one that a search found is told from its look-alikes, too."""
         self.doubts.begin(fit)
-        if self.is_as_given(fit):
-            return
-        since_s = 0.0 if self.began_s is None else self.fitter.now_s - self.began_s
-        start = TrackState(self.config, self.initial, self.initial_range_m)
-        wide = isotropic_covariance(self.config.relocalization.guess_sigma, self.initial_range_m)
-        reach = tuple(replace(each, covariance=each.covariance + wide) for each in start.reach(since_s)[:1])
-        self.searched = Searched(fit.cam_from_world, Within(reach, self.initial_range_m))
+        self.untold = None if self.is_as_given(fit) else self.not_told(fit)
+
+    def doubt_again(self, frame: Frame, fit: Fit, told: bool) -> None:
+        """Doubt a pose that was found elsewhere than the run expected it, and keep what was known before.
+
+        told: whether it was told from those at which the structure looks alike.
+        """
+        self.before, self.untold = self.known_before(frame), None if told else self.not_told(fit)
+        self.doubts.begin(fit)
+
+    def not_told(self, fit: Fit) -> Untold:
+        """The pose of a fit, which is to be told from others within reach."""
+        return Untold(fit.cam_from_world, self.state.within(self.fitter.now_s))
+
+    def known_before(self, frame: Frame) -> Before:
+        """What a run knew before a frame at which it found a pose after a loss."""
+        known = self.fitter.memory._replace(appearance=frame.before.appearance)
+        return Before(known, replace(self.state, is_lost=True), frame.before)
 
     def give_up_doubted(self, before: Photometry) -> Photometry:
         """Return from a doubted pose to what was known before, or the initial pose, and to the photometry from then."""
         if not self.in_doubt:
             return before
         self.doubts.end()
-        self.searched = None
+        self.untold = None
         self.found_edges.forget()
         self.relocator.forget()
         if self.before is not None:
@@ -119,8 +113,7 @@ class Beginnings:
             anew = self.doubts.anew(frame.image, fit, self.state.range_m)
         if not self.state.may_begin_at(anew):
             return None
-        known = self.fitter.memory._replace(appearance=frame.before.appearance)
-        self.before = Before(known, replace(self.state), frame.before)
+        self.before, self.untold = self.known_before(frame), self.not_told(anew)
         self.relocator.forget()
         fit = self.begun_at(anew, clock)
         self.state.is_lost = False
@@ -150,23 +143,26 @@ class Beginnings:
 
     def doubted(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The given fit of a first pose that was searched, or a better one, at which the run begins again."""
-        if self.searched is not None:
-            self.searched = self.searched.moved_to(fit.cam_from_world)
+        if self.untold is not None:
+            self.untold = self.untold.moved_to(fit.cam_from_world)
         if self.doubts.settled:
             return fit
         with clock.stage("relocalize"):
             better = self.doubts.better(frame.image, fit, self.state.range_m)
-        fit = fit if better is None else self.begun_at(better, clock)
-        if self.searched is not None:
-            self.searched = self.searched._replace(cam_from_world=fit.cam_from_world)
+        if better is not None:
+            same = ends_at(better, fit, self.config.relocalization.found_sigma, self.state.range_m)
+            self.untold = self.untold or (None if same or self.before is None else self.not_told(better))
+            fit = self.begun_at(better, clock)
+        if self.untold is not None:
+            self.untold = self.untold._replace(cam_from_world=fit.cam_from_world)
         return fit
 
     def placed(self, fit: Fit, told: Verdict | None, clock: StageClock) -> Fit:
         """The fit, or the one that leads it of those at look-alikes, at which the run begins again; no more in doubt.
 
-        told: None if the structure looks alike nowhere else within reach.
+        told: None if the structure looks alike nowhere else within reach, or that was told before.
         """
         if told is not None and not told.leads:
             return fit
-        self.before = self.searched = None
+        self.before = self.untold = None
         return fit if told is None or told.fit is fit else self.begun_at(told.fit, clock)

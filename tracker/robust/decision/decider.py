@@ -7,7 +7,7 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.decision.beginnings import Beginnings, Within
+from uavbench.tracker.robust.decision.beginnings import Beginnings
 from uavbench.tracker.robust.decision.found_edges import FoundEdges
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS, Fit
@@ -18,7 +18,7 @@ from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost, Verdict
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
-from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.robust.track_state import TrackState, Within
 from uavbench.tracker.stage_clock import StageClock
 
 SEARCH_EVERY = 8
@@ -67,7 +67,7 @@ class Decider:
 
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
-        first = self.state.is_first
+        first, was_lost = self.state.is_first, self.state.is_lost
         self.beginnings.note_begin()
         found = self.told_apart(frame, self.initialized_or_recovered(frame, tracked, clock), clock)
         patches = self.fitter.texture
@@ -85,6 +85,9 @@ class Decider:
         vouched = self.kept_initial or as_given
         if settled and first and not vouched:
             self.beginnings.doubt_first(fit)
+        found_again = settled and not first and (was_lost or (found.searched and recent))
+        if found_again and self.is_doubtful(frame, fit, told=was_lost):
+            self.beginnings.doubt_again(frame, fit, told=was_lost)
         anew = self.beginnings.begun_again(frame, fit, clock) if found.leads and not settled else None
         if anew is not None:
             fit, settled, self.led = anew, True, False
@@ -93,10 +96,25 @@ class Decider:
             is_open, contenders = settled and self.is_open(fit), () if slid else others or (Contender(fit),)
             return Decision(fit, settled, found.rivalled, is_open=is_open, contenders=contenders)
         fit = self.beginnings.doubted(frame, fit, clock)
-        within = self.beginnings.within
-        if within is not None and self.doubts.settled:
-            fit = self.beginnings.placed(fit, self.told(frame, fit, within, clock), clock)
+        if self.doubts.settled:
+            untold = self.beginnings.untold
+            told = None if untold is None else self.told(frame, fit, untold.within, clock)
+            fit = self.beginnings.placed(fit, told, clock)
         return Decision(fit, True, is_open=self.is_open(fit))
+
+    def is_doubtful(self, frame: Frame, fit: Fit, told: bool) -> bool:
+        """Whether a fit after a loss, or one that a search found, may be another pose near the right one.
+
+        told: it was told from those at which the structure looks alike. Then it is not if the last pose is recent, or
+        if chance leaves no doubt; nor where the vehicle said, or where the run was going.
+        """
+        now_s = self.fitter.now_s
+        recent = self.state.told_before_s(now_s) < self.config.slow_s
+        if self.beginnings.in_doubt or (told and (recent or self.state.is_beyond_doubt(fit))):
+            return False
+        if frame.extrapolated_s == 0.0:
+            return not self.state.is_expected(fit, frame.predicted)
+        return not (recent and self.state.is_expected(fit, self.state.carried_on(now_s)))
 
     def told_apart(self, frame: Frame, found: Decision, clock: StageClock) -> Decision:
         """After a loss or a long gap, the likeliest pose of those at which the structure looks as at the one found."""
@@ -105,8 +123,7 @@ class Decider:
         anywhere = state.is_lost or frame.dt_s > GAP_MEMORIES * self.config.motion.memory_s
         if state.is_first or not (anywhere and known):
             return found
-        within = Within(state.reach(self.fitter.now_s - state.ok_s), state.range_m)
-        told = self.told(frame, fit, within, clock)
+        told = self.told(frame, fit, state.within(self.fitter.now_s), clock)
         if told is None:
             return found
         holds = told.is_seen and told.fit.finite and self.holds(frame, fit, searched=found.searched)
