@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
+from uavbench.tracker.robust.fit.edge_fit import layered
+from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS
+from uavbench.tracker.robust.fit.stage_kernels import align_by_patches
 from uavbench.tracker.robust.motion_model import Motion
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.kernels.compiled import unchecked
 from uavbench.trajectories.pose import Pose
 
 KNOWN, STEP_NS = 12, 66_666_667
@@ -83,6 +87,23 @@ def test_a_well_supported_fit_elsewhere_gives_way_to_a_likelier_one_where_frames
     monkeypatch.setattr(run.fitter, "fit", lambda *_, **__: slid)
     assert run.follower.usual(frame) is None
     assert error(run.follower.fit(frame, StageClock()), pose) < 0.004
+
+
+def test_patches_that_contradict_each_other_do_not_tell_where_to_look():
+    """Of panes that mirror other things some are found elsewhere; each of them by itself may look right."""
+    run, frame, pose = after()
+    fitter, clock = run.fitter, StageClock()
+    problem = fitter.project(layered(frame.image), pose, frame.predicted.covariance, clock)
+    texture = fitter.texture
+    texture.chosen = texture.chosen[: MIN_POINTS + 2]
+    by_patches = unchecked(align_by_patches)
+    assert by_patches(problem, texture.in_view, fitter.known_biases, fitter.values).told
+    px = np.random.default_rng(2).uniform(-6, 6, (len(texture), 1, 2))
+    texture.patches.middles[: len(texture)] += (px @ texture.patches.axes[: len(texture)])[:, 0]
+    aligned, told = by_patches(problem, texture.in_view, fitter.known_biases, fitter.values)
+    assert np.count_nonzero(aligned.matches.correlation > 0.0) >= MIN_POINTS
+    assert not told
+    np.testing.assert_array_equal(aligned.at.t, problem.at.t)
 
 
 def test_nothing_is_usual_of_a_first_frame_one_after_a_pause_or_a_loss_or_a_vehicles_prediction():

@@ -145,7 +145,7 @@ def edges_in_view(
 
 
 class ByPatches(NamedTuple):
-    """Matches of patches with the view at the pose that fits them; as it was where they are too few to tell it."""
+    """Matches of patches with the view at the pose that fits them; as it was where too few agree on one."""
 
     aligned: Aligned
     told: bool
@@ -176,7 +176,11 @@ def align_by_patches(problem: Problem, patches: PatchesInView, biases: BiasesInV
     if found < MIN_POINTS:
         return ByPatches(Aligned(view, matches), False)
     coarse, nothing = values.widths.coarse, nothing_measured()
-    estimate = refine(nothing, matches, biases, problem.prior, view, coarse, values.estimator)
+    estimate, agreeing = refine(nothing, matches, biases, problem.prior, view, coarse, values.estimator), 0
+    for weight in estimate.weighting.patch_weight:
+        agreeing += int(weight > 0.0)
+    if agreeing < MIN_POINTS:
+        return ByPatches(Aligned(view, matches), False)
     return ByPatches(Aligned(placed(view, estimate.R, estimate.t), matches), True)
 
 
