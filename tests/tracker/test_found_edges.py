@@ -1,13 +1,14 @@
 """Edges that were found just before have to be found again, or patches have to be, for a track to go on."""
 
 from dataclasses import replace
+from math import comb
 
 import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.decision import found_edges
-from uavbench.tracker.robust.decision.found_edges import FoundEdges
+from uavbench.tracker.robust.decision.found_edges import FoundEdges, missing_share
 from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
@@ -130,3 +131,28 @@ def test_expectations_follow_what_is_found(run, flight):
     for _ in range(9):
         found.learn(nothing)
     np.testing.assert_allclose(found.part, before * 0.9**9)
+
+
+@pytest.mark.parametrize("points", [1, 4, 7])
+def test_what_chance_leaves_out_is_not_missing(points):
+    """Edges of which each point is found with a probability, as behind rows of seats: all outcomes, by how likely."""
+    part, edges = 0.45, 60
+    shares, likely = [], []
+    for k in range(points + 1):
+        keys = np.repeat(np.arange(edges), points)[:, None] * np.ones(3, dtype=np.int64)
+        weight = np.tile(np.arange(points) < k, edges).astype(np.float64)
+        shares.append(missing_share(keys, weight, np.full(edges, part)))
+        likely.append(comb(points, k) * part**k * (1 - part) ** (points - k))
+    below = np.maximum(points * part - np.arange(points + 1), 0.0)
+    chance = np.dot(likely, below)
+    np.testing.assert_allclose(shares, np.maximum(below - chance, 0.0) / (points * part - chance), atol=1e-12)
+    assert shares[0] == pytest.approx(1.0) and shares[-1] == 0.0
+
+
+def test_a_part_of_the_points_found_before_hides_no_slide():
+    """Half of the points of each edge were found before, and as many now, others of them: chance alone tells 0.19."""
+    keys = np.repeat(np.arange(60), 4)[:, None] * np.ones(3, dtype=np.int64)
+    now = np.random.default_rng(1).random(len(keys)) < 0.5
+    assert missing_share(keys, now.astype(np.float64), np.full(60, 0.5)) < 0.1
+    elsewhere = now & (keys[:, 0] >= 30)
+    assert missing_share(keys, elsewhere.astype(np.float64), np.full(60, 0.5)) > 0.4

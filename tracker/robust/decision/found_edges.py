@@ -1,5 +1,6 @@
 """The edges that the frames of a run show, and what a fit lacks of them."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -43,16 +44,34 @@ def counts(keys: Indices, weight: Array, edges: int) -> Counts:
     return Counts(points, found)
 
 
+@compiled("f0 f0", inner=True, allocates=False)
+def missing_by_chance(points: float, part: float) -> float:
+    """Mean number of points that are found too few of an edge where each is found with a probability `part`.
+
+    It is half of the mean deviation of a binomial distribution (de Moivre 1730, in Diaconis & Zabell 1991).
+    """
+    if not 0.0 < part < 1.0:
+        return 0.0
+    above = math.floor(points * part) + 1.0
+    ways = math.lgamma(points + 1.0) - math.lgamma(above + 1.0) - math.lgamma(points - above + 1.0)
+    return above * math.exp(ways + above * math.log(part) + (points - above + 1.0) * math.log(1.0 - part))
+
+
 @compiled("i2! f1! f1!")
 def missing_share(keys: Indices, weight: Array, part: Array) -> float:
-    """Share of the points expected by the part (e,) of each edge that was not found; 0 where few are expected."""
+    """Share of the points expected by the part (e,) of each edge that was not found; 0 where few are expected.
+
+    What chance leaves out of edges that were found in part is neither expected nor missing.
+    """
     points, found = counts(keys, weight, len(part))
-    expected, left = 0.0, 0.0
+    expected, sure, left = 0.0, 0.0, 0.0
     for e in range(len(part)):
         if points[e] > 0.0 and np.isfinite(part[e]):
-            expected += points[e] * part[e]
-            left += max(points[e] * part[e] - found[e], 0.0)
-    return left / expected if expected >= LEAST_EXPECTED else 0.0
+            of_edge, by_chance = points[e] * part[e], missing_by_chance(points[e], part[e])
+            expected += of_edge
+            sure += of_edge - by_chance
+            left += max(of_edge - found[e], 0.0) - by_chance
+    return max(0.0, left / sure) if expected >= LEAST_EXPECTED else 0.0
 
 
 @compiled("i2! f1! f1! f0")
