@@ -1,4 +1,4 @@
-"""Where frames have budget for it, a fit from a prediction that is off is repeated from where it ends."""
+"""A fit from a prediction that is off is repeated from where it ends, with budget left or that a search would spend."""
 
 import numpy as np
 import pytest
@@ -53,6 +53,9 @@ def test_a_fit_that_finds_no_more_from_there_is_kept():
 
 
 @pytest.mark.parametrize("step_ns", [66_666_667, 33_333_333])
-def test_frames_close_together_have_no_budget_for_it(step_ns):
-    _, _, fit, again, _ = fitted(step_ns)
-    assert again is fit
+def test_frames_close_together_have_budget_for_it_where_they_would_search(step_ns):
+    run, frame, fit, again, pose = fitted(step_ns)
+    assert run.config.budget.is_least(frame.step_s)
+    assert fit.support < run.config.good_support < again.support
+    assert error(again, pose) < 0.1 * error(fit, pose)
+    assert run.follower.repeated(frame, again, StageClock()) is again

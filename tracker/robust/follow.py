@@ -109,12 +109,15 @@ class Follower:
         return own and not (self.state.is_first or self.state.is_lost)
 
     def repeated(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
-        """The fit, or one that begins where it ends, if that has more support; where frames have budget for it.
+        """The fit, or one that begins where it ends, if that has more support; where frames have budget for it, or
+        would begin a search with it.
 
         What the prediction was too far from to be found is found from there, in a fraction of a search's time. Where
         that is clearly more, so may more be from where it ends itself.
         """
-        if self.state.is_first or self.config.budget.is_least(frame.step_s) or not fit.finite:
+        searched = fit.support < self.config.good_support and not self.state.is_lost
+        has_budget = searched or not self.config.budget.is_least(frame.step_s)
+        if self.state.is_first or not fit.finite or not has_budget:
             return fit
         wide = isotropic_covariance(self.config.relocalization.found_sigma, self.state.range_m)
         clearly = True
