@@ -8,6 +8,7 @@ import pytest
 
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, look_at
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision.decider import Decision
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
@@ -94,6 +95,20 @@ def everywhere():
 def nowhere():
     """Nothing of the row was seen."""
     return Comparison()
+
+
+def test_of_places_beside_each_other_the_one_most_edges_are_moved_to_is_compared(nowhere, monkeypatch):
+    """What both show is found by the move between them: one that is aside of it would part edges that both show."""
+    fitted = nowhere.fitter.fit(nowhere.shown, nowhere.pose, isotropic_covariance(0.005, RANGE_M), StageClock())
+    shifts = [(PANEL_M, 0.0, 0.0), (0.9 * PANEL_M, 0.0, 0.0), (-PANEL_M, 0.0, 0.0)]
+    moves = [RigidMotion(np.eye(3), np.array(shift)) for shift in shifts]
+    monkeypatch.setattr(nowhere.relocator.rivals, "moves", lambda *_: moves)
+    reach = Motion(nowhere.pose, isotropic_covariance(0.3, RANGE_M))
+    given, *others = nowhere.look_alikes.poses(Lost(nowhere.shown, [reach], RANGE_M, [], []), fitted)
+    at = motion(fitted.cam_from_world)
+    np.testing.assert_allclose(given.t, at.t)
+    moved = sorted(float((at.R.T @ (at.t - each.t))[0]) for each in others)
+    np.testing.assert_allclose(moved, [-PANEL_M, PANEL_M], atol=1e-12)
 
 
 def test_a_surface_between_edges_is_away_from_all_that_are_seen(everywhere):

@@ -130,12 +130,16 @@ class LookAlikes:
         return Verdict(found, leads=True, is_seen=is_seen)
 
     def poses(self, lost: Lost, fit: Fit) -> list[RigidMotion]:
-        """The pose of a fit, and those within reach at which the structure looks as there, the likeliest first."""
+        """The pose of a fit, and those within reach at which the structure looks as there, the likeliest first.
+
+        Of those at about the same place it is the one to which most length of edges is moved: what both show is told
+        by the move from one to the other, which the others are aside of.
+        """
         pose, rivals = motion(fit.cam_from_world), self.relocator.rivals
         places = [after(move, pose) for move in rivals.moves(fit, EXPLAINED)]
-        chi2 = squared_distances(lost, places)
-        within = [places[k] for k in np.argsort(chi2, kind="stable") if chi2[k] <= RIVAL_CHI2]
-        return distinct([pose, *within], lost.range_m, rivals.config.found_sigma)
+        within = [places[k] for k in np.flatnonzero(squared_distances(lost, places) <= RIVAL_CHI2)]
+        pose, *apart = distinct([pose, *within], lost.range_m, rivals.config.found_sigma)
+        return [pose, *(apart[k] for k in np.argsort(squared_distances(lost, apart), kind="stable"))]
 
     def lead(self, one: Placed, other: Placed) -> float:
         """Powers of ten by which what one pose shows beside another one is likelier than what that shows beside it.
