@@ -7,7 +7,7 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.decision import decider as decision_module
+from uavbench.tracker.robust.decision import beginnings
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.false_alarms import Chance
 from uavbench.tracker.robust.fit.pose_fit import CERTAIN, Fit
@@ -255,7 +255,7 @@ def test_an_initial_pose_that_was_not_kept_vouches_for_no_pose_near_it_that_chan
     monkeypatch, by_chance, status
 ):
     """It may be wrong itself."""
-    monkeypatch.setattr(decision_module, "is_by_chance", lambda *_: by_chance)
+    monkeypatch.setattr(beginnings, "is_by_chance", lambda *_: by_chance)
     poses, images = flown(1, seed=11)
     run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
     monkeypatch.setattr(run.decider, "prior_constrained", lambda *_: None)

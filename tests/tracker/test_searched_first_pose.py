@@ -7,8 +7,9 @@ from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box_corners, l
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.decision.beginnings import Untold
 from uavbench.tracker.robust.decision.decider import Decision
-from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
 from uavbench.tracker.robust.relocalization.look_alikes import Verdict
+from uavbench.tracker.robust.relocalization.rivals import RIVAL_CHI2
 from uavbench.tracker.robust.track_state import Within
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
@@ -48,12 +49,12 @@ def test_which_of_equal_boxes_is_seen_is_not_said(boxes):
 
 
 class Verdicts:
-    """A run whose first pose, a box beside the initial one, is not doubted any more but for its look-alikes."""
+    """A run whose first pose, so far beside the initial one, is not doubted any more but for its look-alikes."""
 
-    def __init__(self, monkeypatch):
+    def __init__(self, monkeypatch, beside_m=PANEL_M):
         self.pose, clock = before(0.0), StageClock()
         image = Scene(ROW, seed=2).render(self.pose, noise_rng=np.random.default_rng(3))
-        self.run = Robust().start(ROW_OF_BOXES, CAMERA, before(PANEL_M), np.random.default_rng(0))
+        self.run = Robust().start(ROW_OF_BOXES, CAMERA, before(beside_m), np.random.default_rng(0))
         self.decider = self.run.decider
         self.frame = self.run.frames.prepared(image, 0, None, clock)
         self.found = self.run.fitter.searched(image, self.pose, isotropic_covariance(0.005, RANGE_M), clock)
@@ -77,6 +78,19 @@ def test_it_stays_open_until_it_leads_its_look_alikes(searched, monkeypatch):
     assert searched.decider.beginnings.in_doubt
     told = searched.decider.beginnings.placed(searched.found, Verdict(searched.found, leads=True), StageClock())
     assert told is searched.found and not searched.decider.beginnings.in_doubt
+
+
+def test_one_at_the_initial_pose_is_told_from_those_that_this_leaves_open(monkeypatch):
+    """A start off by more than half of a repetition is nearer to the next one."""
+    searched = Verdicts(monkeypatch, beside_m=0.01)
+    assert searched.decided(monkeypatch, Verdict(searched.found, leads=False)).is_open
+    beginnings = searched.decider.beginnings
+    assert beginnings.doubts.settled and beginnings.in_doubt
+    (reach,) = beginnings.untold.within.reach
+    near, next_one = (reach.squared_mahalanobis(before(right_m)) for right_m in (0.01, PANEL_M))
+    assert near < FAR_CHI2 and next_one > RIVAL_CHI2, "no farther than a given pose may be off"
+    searched.decided(monkeypatch, None)
+    assert not beginnings.in_doubt
 
 
 def test_it_is_believed_where_the_structure_looks_alike_nowhere_else(searched, monkeypatch):

@@ -9,7 +9,7 @@ from uavbench.tracker.robust.fit.learning import Memory
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
-from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.look_alikes import Verdict
 from uavbench.tracker.robust.relocalization.ranking import ends_at
 from uavbench.tracker.robust.track_state import Told, TrackState, Within
@@ -62,9 +62,19 @@ class Beginnings:
             self.state.told = Told(roughly, self.initial_range_m, self.fitter.now_s)
 
     def doubt_first(self, fit: Fit) -> None:
-        """Doubt a first pose; one that a search found is told from its look-alikes, too."""
-        self.doubts.begin(fit)
-        self.untold = None if self.is_as_given(fit) else self.not_told(fit)
+        """Tell a first pose that a search found from its look-alikes; doubt it, too, unless it is the initial one.
+
+        That one is doubted if chance explains it. Its look-alikes are those that the initial pose leaves open.
+        """
+        as_given = self.is_as_given(fit) and not is_by_chance(fit, 1)
+        self.untold = Untold(fit.cam_from_world, self.given()) if as_given else self.not_told(fit)
+        if not as_given:
+            self.doubts.begin(fit)
+
+    def given(self) -> Within:
+        """Where the camera may be by the initial pose alone."""
+        since_s = self.state.told_before_s(self.fitter.now_s)
+        return Within((self.initial.predict(since_s, self.initial_range_m, self.config.motion),), self.initial_range_m)
 
     def doubt_again(self, frame: Frame, fit: Fit, told: bool) -> None:
         """Doubt a pose that was found elsewhere than the run expected it, and keep what was known before.

@@ -14,7 +14,7 @@ from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS, Fit
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
-from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
+from uavbench.tracker.robust.relocalization.doubts import Doubts
 from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost, Verdict
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
@@ -81,9 +81,7 @@ class Decider:
         self.state.is_lost = not settled
         self.fitter.texture = self.fitter.texture if settled else patches
         self.led &= not settled
-        as_given = self.beginnings.is_as_given(fit) and not is_by_chance(fit, 1)  # it may be wrong
-        vouched = self.kept_initial or as_given
-        if settled and first and not vouched:
+        if settled and first and not self.kept_initial:
             self.beginnings.doubt_first(fit)
         found_again = settled and not first and (was_lost or (found.searched and recent))
         if found_again and self.is_doubtful(frame, fit, told=was_lost):
