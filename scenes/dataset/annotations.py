@@ -4,43 +4,38 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.edges.contrast_kernels import find_contrasts
 from uavbench.scenes.dataset.edges.edge_lines import edge_lines
 from uavbench.scenes.dataset.edges.sample_kernels import (
     clip_edges,
     join_seen,
-    places_beside,
     project,
     sample_edges,
     see,
 )
 from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Sequence
+from uavbench.scenes.dataset.surfaces.depth_kernels import depth_rows
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
 from uavbench.scenes.image_files import put_file
-from uavbench.scenes.png.encoder import png
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sample
-from uavbench.scenes.rendering.pixel_kernels import depth_units
+from uavbench.scenes.png.encoder import png, png_of_filtered
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
-
-SIDE_PX = 2.5
-"""Distance on either side of an edge at which its contrast is measured, px."""
-MOST_PLACES = 32766
-"""Most places that OpenCV's `remap` samples in one row."""
 
 
 def write_depth(folder: Path, frame: int, depth_m: NDArray[np.float32]) -> None:
     """Write `depth/NNNNNN.png`: along the optical axis at the frame's stamp, 16 bits of DEPTH_M_PER_UNIT metres."""
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
-    units = np.empty(depth.shape, dtype=np.uint16)
-    depth_units(depth.reshape(-1), DEPTH_M_PER_UNIT, units.reshape(-1))
-    put_file(folder / "depth" / f"{frame:06d}.png", png(units, smooth=True))
+    height, width = depth.shape
+    codes, filtered = np.empty((2, width), dtype=np.uint16), np.empty((height, 1 + 2 * width), dtype=np.uint8)
+    depth_rows(depth, DEPTH_M_PER_UNIT, codes, filtered)
+    put_file(folder / "depth" / f"{frame:06d}.png", png_of_filtered(filtered, width, smooth=True))
 
 
 def write_mask(folder: Path, frame: int, instances: NDArray[np.uint8]) -> None:
@@ -105,12 +100,8 @@ def _intrinsics(camera: Camera) -> tuple[float, float, float, float]:
 
 def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> Array:
     """Difference (n,) of grey levels across the edge at each sample, 0 where it is not visible."""
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float32)
-    places, out = np.empty((2, int(seen.sum()), 2), dtype=np.float32), np.zeros(len(pixels))
-    if places_beside(pixels, which, seen, SIDE_PX, places):
-        parts = range(0, places.shape[1], MOST_PLACES)
-        sides = [np.concatenate([sample(grey, side[None, k : k + MOST_PLACES])[0] for k in parts]) for side in places]
-        out[seen] = np.abs(sides[0] - sides[1])
+    out = np.empty(len(pixels))
+    find_contrasts(pixels, which, seen, np.ascontiguousarray(image), out)
     return out
 
 

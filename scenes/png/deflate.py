@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.huffman import code_lengths, codes
 from uavbench.scenes.png.matches import AT_ONCE, find_matches
 from uavbench.trajectories.kernels.compiled import compiled
@@ -50,9 +51,16 @@ SYMBOL_OF = np.array([*range(END + SHORTEST), *map(_symbol, LENGTHS)], dtype=np.
 """Symbol of each token."""
 
 
+class Deflated(NamedTuple):
+    """Number of bits of a compressed stream, and the Adler-32 checksum of its data."""
+
+    bits: int
+    checksum: int
+
+
 @compiled("u1 i0 w1!")
-def deflate(data: Any, distance: int, out: Any) -> int:
-    """Compress data (n,) of bytes into out (room_words,), least significant bit first; returns the number of bits.
+def deflate(data: Any, distance: int, out: Any) -> Deflated:
+    """Compress data (n,) of bytes into out (room_words,), least significant bit first.
 
     Bytes that are like those a distance before, 1 to MOST_DISTANT, are replaced by their number.
     """
@@ -62,9 +70,10 @@ def deflate(data: Any, distance: int, out: Any) -> int:
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
     words, bits = np.zeros(TOKENS, dtype=np.uint64), np.zeros(TOKENS, dtype=np.uint64)
-    at = 0
+    at, checksum = 0, 1
     for start in range(0, data.size, BLOCK):
         stop = min(start + BLOCK, data.size)
+        checksum = adler32(data[start:stop], checksum)
         found = find_matches(data, (start, stop), distance, masks, threes, places)
         number = _tokens(data, start, stop, places[:found], tokens)
         _count(tokens[:number], tallies, counts)
@@ -75,7 +84,7 @@ def deflate(data: Any, distance: int, out: Any) -> int:
         _stream_words(lengths, symbol_codes, _distance(distance), words, bits)
         at = _put_tokens(out, at, tokens[:number], words, bits)
         at = _put(out, at, words[END], np.int64(bits[END]))
-    return at
+    return Deflated(at, checksum)
 
 
 @compiled("u1 i0 i0 i1 h1!", inner=True, allocates=False)

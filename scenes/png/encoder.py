@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.png.checksum import adler32
 from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.filters import AVERAGE, UP, filter_rows
 
@@ -46,10 +45,10 @@ def png_of_filtered(filtered: NDArray[np.uint8], width: int, *, smooth: bool = F
     h, pixel = len(filtered), (filtered.shape[1] - 1) // width
     wide, color = (pixel // 3, RGB) if pixel % 3 == 0 else (pixel, GREY)
     stream = _stream(filtered.size)
-    size = -(-deflate(filtered.reshape(-1), pixel if smooth else 1, stream) // 8)
-    packed = stream.astype("<u8", copy=False).view(np.uint8)[:size]
+    deflated = deflate(filtered.reshape(-1), pixel if smooth else 1, stream)
+    packed = stream.astype("<u8", copy=False).view(np.uint8)[: -(-deflated.bits // 8)]
     head = struct.pack(">IIBBBBB", width, h, 8 * wide, color, 0, 0, 0)
-    checksum = struct.pack(">I", adler32(filtered.reshape(-1)))
+    checksum = struct.pack(">I", deflated.checksum)
     chunks = (_chunk(b"IHDR", head), _chunk(b"IDAT", ZLIB_HEADER, packed, checksum), _chunk(b"IEND"))
     return b"".join([SIGNATURE, *chain.from_iterable(chunks)])
 

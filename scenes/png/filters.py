@@ -22,7 +22,7 @@ def filter_rows(rows: Any, pixel: int, kind: int, out: Any) -> None:
         out[i, 0] = kind
         row, above, into = rows[i], rows[max(i - 1, 0)], out[i][1:]
         if kind == UP:
-            _less(row, above, i > 0, into)
+            less(row, above, i > 0, into)
         else:
             for j in range(first):
                 into[j] = row[j] - (above[j] >> 1 if i else 0)
@@ -30,7 +30,7 @@ def filter_rows(rows: Any, pixel: int, kind: int, out: Any) -> None:
 
 
 @compiled
-def _less(row: Any, above: Any, has_above: bool, out: Any) -> None:
+def less(row: Any, above: Any, has_above: bool, out: Any) -> None:
     """Out (n,) = row - above, or row where there is none above."""
     if has_above:
         for j in range(out.size):

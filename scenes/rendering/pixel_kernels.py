@@ -103,14 +103,6 @@ def _code(light: Any, table: Any, places: Any, out: Any) -> None:
         out[i] = table[places[i]]
 
 
-@compiled("s1 f0 h1!", allocates=False)
-def depth_units(depth: Any, unit: float, out: Any) -> None:
-    """Depth (n,) in metres as multiples of a unit in 16 bits, rounded; 0 where it is too large."""
-    for i in range(depth.size):
-        units = np.rint(depth[i] / np.float32(unit))
-        out[i] = np.uint16(np.int32(units if units <= np.float32(65535) else np.float32(0)))
-
-
 @compiled("s2 i0 (f0 f0 f0 f0) f2 f2 s3!")
 def displacement(depth: Any, step: int, intrinsics: Any, before: Any, after: Any, out: Any) -> None:
     """Optical flow in px between two poses, at every step-th pixel.

@@ -114,7 +114,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(
                 f"scenes/dataset/surfaces/{name}_kernels.py", "scenes/test_surface_files", "scenes/test_surface_truth"
             )
-            for name in ("flow", "normal", "occlusion", "trace")
+            for name in ("depth", "flow", "normal", "occlusion", "shown", "trace")
         ),
         _target(
             "scenes/rendering/antialiasing/facet_table.py", "scenes/test_surface_files", "scenes/test_surface_truth"

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, visible_edges
+from uavbench.scenes.dataset.edges.contrast_kernels import SIDE_PX, find_contrasts
 from uavbench.scenes.dataset.edges.edge_lines import edge_lines
 from uavbench.scenes.dataset.edges.sample_kernels import see
 from uavbench.scenes.primitives.meshes import box
@@ -82,6 +84,22 @@ def across_the_edge(light: np.ndarray, ends: np.ndarray, camera: Camera, pose: o
     profile = sample(light, (at[:, None] + steps[:, None] * across[:, None]).astype(np.float32)).mean(axis=0)
     before, after = profile[steps < -FAR_PX].mean(), profile[steps > FAR_PX].mean()
     return float(((after - profile) / (after - before)).sum() * 0.125 - REACH_PX - 0.0625)
+
+
+def test_contrasts_are_differences_of_grey_levels_beside_an_edge() -> None:
+    """As OpenCV interpolates them in the grey image, also beyond its border."""
+    rng = np.random.default_rng(8)
+    image = rng.integers(0, 256, (50, 70, 3), dtype=np.uint8)
+    seen, which = rng.random(600) < 0.8, np.arange(600) // 20
+    ways = np.repeat(rng.uniform(0, 2 * np.pi, 30), 20)
+    along, across = np.stack([np.cos(ways), np.sin(ways)], 1), np.stack([-np.sin(ways), np.cos(ways)], 1)
+    pixels = np.repeat(rng.uniform(0, 50, (30, 2)), 20, axis=0) + 2.0 * (np.arange(600) % 20)[:, None] * along
+    out = np.full(600, np.nan)
+    find_contrasts(pixels, which, seen, image, out)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    left, right = (sample(grey, (pixels + side * across).astype(np.float32)[None])[0] for side in (SIDE_PX, -SIDE_PX))
+    np.testing.assert_allclose(out, np.abs(left - right) * seen, atol=0.01)
+    assert (pixels[seen] > [72, 52]).any() and np.ptp(out) > 100
 
 
 def test_lines_of_edges_are_as_python_formats_them() -> None:

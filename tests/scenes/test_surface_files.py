@@ -8,6 +8,8 @@ import pytest
 
 from tests.scenes.conftest import FLAT_LIGHT, flow_codes, white_box
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.annotations import write_depth
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.surface_files import OUTSIDE, SEEN, UNKNOWN, read_flow
 from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTruth, write_flow, write_normals
@@ -60,6 +62,18 @@ def test_rows_of_flow_are_written_as_kitti_reads_them(tmp_path: Path) -> None:
     np.testing.assert_array_equal(bgr[..., ::-1], numbers)
     read = cv2.imread(str(tmp_path / "occlusion" / "000002.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(read, occlusion)
+
+
+def test_depths_are_rounded_to_units_and_none_is_kept_where_it_is_too_large(tmp_path: Path) -> None:
+    largest = 65535 * DEPTH_M_PER_UNIT
+    depths = np.random.default_rng(6).uniform(0.0, largest, (20, 37)).astype(np.float32)
+    depths[3, :4] = [0.0, largest, 1.001 * largest, np.inf]
+    write_depth(tmp_path, 5, depths)
+    read = cv2.imread(str(tmp_path / "depth" / "000005.png"), cv2.IMREAD_UNCHANGED)
+    expected = np.rint(depths / np.float32(DEPTH_M_PER_UNIT))
+    expected[3, 2:4] = 0
+    assert read.dtype == np.uint16
+    np.testing.assert_array_equal(read, expected)
 
 
 def moved_by(shift_px: tuple[float, float]) -> FlowTruth:

@@ -15,13 +15,13 @@ from uavbench.scenes.dataset.surfaces.flow_kernels import (
     Lens,
     Motions,
     RowScratch,
-    Shown,
     carry,
     flow_rows,
     list_doubtful,
 )
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
 from uavbench.scenes.dataset.surfaces.occlusion_kernels import BEFORE
+from uavbench.scenes.dataset.surfaces.shown_kernels import Shown, end_of_run, read_near
 from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, LARGEST_FLOW_PX, OUTSIDE, SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.surface_truth import FlowTruth, SurfaceTruth
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
@@ -30,7 +30,7 @@ from uavbench.scenes.png.filters import UP
 from uavbench.scenes.primitives.meshes import panel
 from uavbench.scenes.renderables import Mover, Part
 from uavbench.scenes.rendering import context
-from uavbench.scenes.rendering.antialiasing.coverage import cells
+from uavbench.scenes.rendering.antialiasing.coverage import BORDERED, cells
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, pixel_grid, render_camera
 from uavbench.scenes.rendering.renderer import Renderer
@@ -250,6 +250,7 @@ def test_what_comes_behind_the_camera_has_no_flow() -> None:
 SIZE = (60, 80)
 """Rows and columns of the images below, and of the wider pinhole's."""
 WIDE = (90, 110)
+NO_PLANES = np.empty((0, 3))
 PINHOLE = Camera(WIDE[1], WIDE[0], 50.0, 51.0, 54.0, 45.5)
 
 
@@ -296,7 +297,9 @@ def test_the_kernels_are_the_formulas_on_random_facets(model: str, distortion: t
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
     rays, depths, rows = camera.rays(pixels), scene["depths"].reshape(-1), scene["rows"].reshape(-1)
     near = np.isfinite(depths)
-    shown = Shown(scene["rows"].astype(np.int32), 1 / scene["depths"], PINHOLE.project(rays).reshape(*SIZE, 2))
+    shown = Shown(
+        scene["rows"].astype(np.int32), 1 / scene["depths"], NO_PLANES, PINHOLE.project(rays).reshape(*SIZE, 2)
+    )
     from_place = np.eye(4)
     from_place[:3, :3] = np.linalg.inv(PINHOLE.K)
     (moving,) = np.nonzero(scene["mover_of"])
@@ -320,7 +323,7 @@ def test_the_kernels_are_the_formulas_on_random_facets(model: str, distortion: t
     out = FlowTruth(np.empty((height, 1 + 6 * width), np.uint8), np.where(never, UNKNOWN, SEEN).astype(np.uint8))
     lens = Lens(camera_array(camera), np.array([PINHOLE.fx, PINHOLE.fy, PINHOLE.cx, PINHOLE.cy]))
     table = facet_table(scene["corners"], Pose.identity())
-    image = scene["seen"].astype(np.int32), np.ones(cells(*WIDE), dtype=np.uint8)
+    image = scene["seen"].astype(np.int32), np.full(cells(*WIDE), BORDERED, dtype=np.int32)
     flow_rows(shown, motions, lens, image, table, scratch, tuple(out))
     to = np.full((len(rays), 2), np.nan)
     to[ahead] = camera.project(expected[ahead])
@@ -349,7 +352,7 @@ def test_what_moves_is_moved_where_it_is_alone_in_its_row(mover: int, moves: boo
     """Rows without facets in the range that moves are left out."""
     rows = np.full((1, 40), 2, dtype=np.int32)
     rows[0, 17] = mover
-    shown = Shown(rows, np.ones((1, 40)), np.empty((1, 0, 2)))
+    shown = Shown(rows, np.ones((1, 40)), NO_PLANES, np.empty((1, 0, 2)))
     mover_of = np.array([0, 0, 0, 0, 0, 1, 1, 1, 0])
     still, moved = np.eye(4)[:3], np.eye(4)[:3] + np.array([0, 0, 0, 5.0])
     scratch = RowScratch.of(40)
@@ -421,6 +424,18 @@ def test_a_gap_of_an_alpha_mask_shows_what_lies_behind_it_also_beside_the_mask()
     assert abs((found.instances[on] == 2).mean() - 0.5) < 0.01, "slats and gaps are of the same width"
 
 
+NOTHING = 7000.0
+"""Inverse depth of the background, 1/m, which no facet has."""
+
+
+@pytest.mark.parametrize("length", [1, 2, 15, 16, 17, 33, 50])
+def test_a_run_ends_where_its_facet_does(length: int) -> None:
+    for begin in (0, 3, 20):
+        for after in (0, 1, 40):
+            facets = [-1] * begin + [2**24 + 5] * length + [5] * after
+            assert end_of_run(np.array(facets, dtype=np.int32), begin) == begin + length
+
+
 @pytest.mark.parametrize("with_lens", [False, True])
 def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens: bool) -> None:
     """Without a lens its own first; of random facets, and with some pixels that show another, as if drawn elsewhere."""
@@ -445,11 +460,14 @@ def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens:
     seen[rng.random(WIDE) < 0.02] = 0
     steps = [(0, 0), (1, 0), (0, 1), (1, 1)] if with_lens else [(0, 0), (-1, 0), (1, 0), (0, 1), (0, -1)]
     tried = np.array(steps, dtype=np.int64), 4 if with_lens else 1, np.zeros(30, dtype=np.uint8)
-    rows, near = np.empty(places.shape[:2], dtype=np.int32), np.empty(places.shape[:2])
+    shown, near = Shown.through_lens(places) if with_lens else Shown.rendered(WIDE, 30), np.empty(places.shape[:2])
     if with_lens:
-        trace(seen, places, table, tried, -7.0, rows, near)
+        trace(seen, places, table, tried, NOTHING, shown.rows, shown.near)
     else:
-        trace_centres(seen, table, tried, -7.0, rows, near)
+        trace_centres(seen, table, tried, NOTHING, shown.rows, shown.planes)
+    for v in range(len(near)):
+        read_near(shown, v, near[v])
+    rows = shown.rows
     checked = 0
     for v, u in np.ndindex(*rows.shape):
         place = places[v, u]
@@ -468,7 +486,7 @@ def test_a_pixel_shows_the_nearest_facet_around_it_that_its_ray_meets(with_lens:
         else:
             nothing = centre < 0 or (with_lens and min(around) < 0)
             assert rows[v, u] == (-1 if nothing else centre)
-            assert (near[v, u] == -7.0) == nothing
+            assert (near[v, u] == NOTHING) == nothing
     assert checked > 20
     assert (rows >= 0).sum() > 1000 < (rows < 0).sum()
 

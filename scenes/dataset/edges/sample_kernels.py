@@ -1,4 +1,4 @@
-"""Kernels of samples along edges: clipping, sampling, visibility, and places beside an edge.
+"""Kernels of samples along edges: clipping, sampling, and visibility.
 
 Not shared with the trackers' `geometry_kernels.clip_segment`, whose rounding would change the bytes of edges/*.csv.
 """
@@ -17,8 +17,6 @@ NEAR_M = 0.02
 """Near plane, metres: nearer parts of an edge are ignored."""
 OCCLUDED_SHARE, OCCLUDED_M = 1.01, 1e-3
 """A point is visible up to this multiple of the depth of the pixels around it, plus metres."""
-SHORTEST_PX = 1e-9
-"""Distance of the samples before and after one, px, below which the edge has no direction in the image."""
 
 
 @compiled("f3 (f0 f0 f0 f0) (i0 i0) f2! i1!", allocates=False)
@@ -133,32 +131,6 @@ def _unoccluded(z: float, depth: Any, column: int, row: int) -> bool:
 def _before(z: float, depth: Any) -> bool:
     """Whether a point is not behind what a pixel shows; depth 0 is background."""
     return bool(depth <= 0 or z <= np.float32(np.float32(OCCLUDED_SHARE) * depth) + np.float32(OCCLUDED_M))
-
-
-@compiled("f2 i1 b1 f0 s3!", allocates=False)
-def places_beside(pixels: Any, which: Any, seen: Any, side_px: float, places: Any) -> int:
-    """Places (2, m, 2) in px on either side of the edge at each of m visible samples; returns their number.
-
-    pixels (n, 2) and which (n,): the samples and their edges, whose direction is that of the samples before and after.
-    """
-    count: int = 0
-    last = pixels.shape[0] - 1
-    for i in range(last + 1):
-        if not seen[i]:
-            continue
-        x = y = 0.0
-        if i < last and which[i + 1] == which[i]:
-            x, y = pixels[i + 1, 0] - pixels[i, 0], pixels[i + 1, 1] - pixels[i, 1]
-        if i > 0 and which[i] == which[i - 1]:
-            x, y = x + (pixels[i, 0] - pixels[i - 1, 0]), y + (pixels[i, 1] - pixels[i - 1, 1])
-        norm = np.sqrt(x * x + y * y)
-        across_x, across_y = (-y / norm, x / norm) if norm > SHORTEST_PX else (0.0, 0.0)
-        for side in range(2):
-            offset = side_px if side == 0 else -side_px
-            places[side, count, 0] = np.float32(pixels[i, 0] + offset * across_x)
-            places[side, count, 1] = np.float32(pixels[i, 1] + offset * across_y)
-        count += 1
-    return count
 
 
 @compiled("i1 f1 f2 b1 f1 f2!", allocates=False)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.surfaces.occlusion_kernels import hide
+from uavbench.scenes.dataset.surfaces.shown_kernels import SHOWN, read_near
 from uavbench.scenes.dataset.surfaces.surface_files import FLOW_UNITS_PER_PX, FLOW_ZERO, LARGEST_FLOW_PX, UNKNOWN
 from uavbench.scenes.png.filters import UP
 from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE
@@ -18,16 +19,6 @@ LEAST_SLOPE = 1e-6
 """Cosine of the angle to the optical axis from which on a point is before the camera."""
 HIGHEST = np.uint16(0x8080)
 """Highest bits of the two bytes of a number."""
-
-
-class Shown(NamedTuple):
-    """What the pixels (h, w) of a camera show: facets, -1 for none, and inverse depths, 1/m, 0 for the sky and NaN for
-    nothing. places (h, w, 2): where their rays meet the rendered image, px; (h, 0, 2) where it is the camera's own.
-    """
-
-    rows: NDArray[np.int32]
-    near: Array
-    places: Array
 
 
 class Motions(NamedTuple):
@@ -55,7 +46,7 @@ class RowScratch(NamedTuple):
     later and rendered (2, w): places of the points in the camera's later image and in the rendered one, px; first
     (2, w): the first of the two rendered pixels about them along each axis; known (w,): 1 where there is a flow; codes
     (2, 3, w): the numbers of the files, the first byte the higher, of a row and of the one above it, in turns; words
-    (3 w,): their residuals; listed (w,): some columns.
+    (3 w,): their residuals; listed (w,): some columns; near (w,): inverse depths of all, 1/m.
     """
 
     columns: Array
@@ -68,6 +59,7 @@ class RowScratch(NamedTuple):
     words: NDArray[np.uint16]
     first: NDArray[np.int32]
     listed: NDArray[np.int32]
+    near: Array
 
     @classmethod
     def of(cls, width: int) -> "RowScratch":
@@ -85,13 +77,13 @@ class RowScratch(NamedTuple):
             np.empty(3 * width, dtype=np.uint16),
             np.empty((2, width), dtype=np.int32),
             np.empty(width, dtype=np.int32),
+            np.empty(width),
         )
 
 
-SHOWN = named_tuple(Shown, "j2! f2! f3!")
 MOTIONS = named_tuple(Motions, "i1! f3! i1!")
 LENS = named_tuple(Lens, "f1! f1!")
-ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h3! h1! j2! j1!")
+ROW_SCRATCH = named_tuple(RowScratch, "f1! f2! f2! f2! f2! u1! h3! h1! j2! j1! f1!")
 
 
 @compiled("shown motions f0 scratch f2! i2!", allocates=False, shown=SHOWN, motions=MOTIONS, scratch=ROW_SCRATCH)
@@ -114,7 +106,7 @@ def list_doubtful(shown: Any, motions: Any, widest: float, scratch: Any, points:
 
 
 @compiled(
-    "shown motions lens (j2 u2) facets scratch (u2! u2!)",
+    "shown motions lens (j2 j2) facets scratch (u2! u2!)",
     allocates=False,
     shown=SHOWN,
     motions=MOTIONS,
@@ -125,7 +117,7 @@ def list_doubtful(shown: Any, motions: Any, widest: float, scratch: Any, points:
 def flow_rows(shown: Any, motions: Any, lens: Any, later: Any, facets: Any, scratch: Any, out: Any) -> None:
     """Flow to a later image, and occlusion there, of all pixels (h, w).
 
-    later (h', w') and facets: what was rendered later, with its `bordered` cells. out: filtered rows (h, 1 + 6 w) of a
+    later (h', w') and facets: what was rendered later, with its `windows`. out: filtered rows (h, 1 + 6 w) of a
     PNG file, residuals against the row above of u v known in 16 bits, the first byte the higher; and the occlusion
     (h, w), UNKNOWN where it must stay so. A point is HIDDEN where a facet that one of the four rendered pixels around
     it shows is at its place, BEFORE it.
@@ -153,7 +145,8 @@ def _is_rendered(lens: Any) -> bool:
 @compiled
 def carry(shown: Any, motions: Any, i: int, scratch: Any) -> None:
     """Points of row i in the frame of the later camera, divided by their depths before; NaN where there is nothing."""
-    places, points, near = scratch.places, scratch.points, shown.near[i]
+    places, points, near = scratch.places, scratch.points, scratch.near
+    read_near(shown, i, near)
     for j in range(near.size):
         places[0, j], places[1, j] = scratch.columns[j], i
     for j in range(shown.places.shape[1]):
@@ -174,12 +167,13 @@ def _any_moves(shown: Any, motions: Any, i: int) -> bool:
 @compiled
 def _carry_divided(shown: Any, motions: Any, i: int, scratch: Any) -> None:
     """Points as by `carry`, whose first two coordinates are divided by the third."""
-    points, near, a = scratch.points, shown.near[i], motions.camera_from_place[0]
+    points, near, a = scratch.points, scratch.near, motions.camera_from_place[0]
     if shown.places.shape[1] or _any_moves(shown, motions, i):
         carry(shown, motions, i, scratch)
         for axis in range(2):
             _divide(points[axis], points[2])
     else:
+        read_near(shown, i, near)
         _carry_row(a[2], scratch.columns, float(i), near, points[2])
         for axis in range(2):
             _carry_row_divided(a[axis], scratch.columns, float(i), near, points[2], points[axis])

@@ -18,12 +18,12 @@ from uavbench.scenes.dataset.surfaces.flow_kernels import (
     Lens,
     Motions,
     RowScratch,
-    Shown,
     any_between,
     flow_rows,
     list_doubtful,
 )
 from uavbench.scenes.dataset.surfaces.normal_kernels import normal_rows
+from uavbench.scenes.dataset.surfaces.shown_kernels import Shown
 from uavbench.scenes.dataset.surfaces.surface_files import SEEN, UNKNOWN
 from uavbench.scenes.dataset.surfaces.trace_kernels import trace, trace_centres
 from uavbench.scenes.image_files import put_file
@@ -71,9 +71,7 @@ class SurfaceTruth:
         camera, pinhole = source.camera, source.pinhole
         self._size = camera.height, camera.width
         self._rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
-        self._places = np.empty((camera.height, 0, 2))
-        if source.lens is not None:
-            self._places = self._in_pinhole(self._rays).reshape(*self._size, 2)
+        self._places = self._in_pinhole(self._rays).reshape(*self._size, 2)
         steps, sure = (RING, 1) if source.lens is None else (SQUARE, len(CORNERS))
         self._tried = np.array(steps, dtype=np.int64), sure, renderer.facets.masked
         intrinsics = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy], dtype=np.float64)
@@ -86,10 +84,11 @@ class SurfaceTruth:
         seen = self._renderer.pixels_seen(pose, pinhole, time_ns * 1e-9)
         facets = self._renderer.facet_table(pose, pinhole, time_ns * 1e-9)
         background = 0.0 if self._renderer.facets.has_sky else np.nan
-        shown = Shown(np.empty(self._size, dtype=np.int32), np.empty(self._size), self._places)
         if self._source.lens is None:
-            trace_centres(seen.facets, facets, self._tried, background, shown.rows, shown.near)
+            shown = Shown.rendered(self._size, len(facets.corners))
+            trace_centres(seen.facets, facets, self._tried, background, shown.rows, shown.planes)
         else:
+            shown = Shown.through_lens(self._places)
             trace(seen.facets, self._places, facets, self._tried, background, shown.rows, shown.near)
         return SurfaceView(time_ns, pose, seen, shown)
 
@@ -123,7 +122,7 @@ class SurfaceTruth:
             if count := list_doubtful(view.shown, motions, self._widest, self._scratch, points, pixels):
                 column, row = pixels[:count][~self._met_again(points[:count])].T
                 out.occlusion[row, column] = UNKNOWN
-        image = later.seen.facets, later.seen.bordered
+        image = later.seen.facets, later.seen.windows
         flow_rows(view.shown, motions, self._lens, image, self._facets(later), self._scratch, tuple(out))
         return out
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from uavbench.scenes.dataset.surfaces.shown_kernels import end_of_run
 from uavbench.scenes.rendering.antialiasing.facet_table import FACET_TABLE, nearness, ready
 from uavbench.trajectories.kernels.compiled import compiled, inlined
 
@@ -14,26 +15,40 @@ FARTHEST_BESIDE = 0.1
 
 
 @compiled("j2 facets (i2 i0 u1) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
-def trace_centres(seen: Any, facets: Any, tried: Any, background: float, rows: Any, near: Any) -> None:
-    """Facet and inverse depth of each pixel of the camera that was rendered, as by `trace`.
+def trace_centres(seen: Any, facets: Any, tried: Any, background: float, rows: Any, planes: Any) -> None:
+    """Facet of each pixel of the camera that was rendered, as by `trace`, and the planes of these: see `Shown`.
 
     Facets are convex: where both ends of a row's run of pixels that were rendered of a facet lie on it, all do.
     """
     h, w = seen.shape
+    planes[0, 0], planes[0, 1], planes[0, 2] = 0.0, 0.0, background
     for i in range(h):
+        _copy(seen[i], rows[i])
         begin = 0
         while begin < w:
-            facet = seen[i, begin]
-            end = end_of_run(seen[i], begin, w, facet)
-            if facet < 0:
-                rows[i, begin:end], near[i, begin:end] = facet, background
-            elif _is_on(facets, facet, begin, i) and _is_on(facets, facet, end - 1, i):
-                rows[i, begin:end] = facet
-                _fill(facets.outlines[facet, 3], begin, i, near[i, begin:end])
-            else:
-                for j in range(begin, end):
-                    rows[i, j], near[i, j] = _met(seen, facets, (float(j), float(i)), (j, i), (j, i), tried)
+            facet, end = seen[i, begin], end_of_run(seen[i], begin)
+            if facet >= 0:
+                if _is_on(facets, facet, begin, i) and _is_on(facets, facet, end - 1, i):
+                    _note_plane(facets, facet, planes)
+                else:
+                    for j in range(begin, end):
+                        rows[i, j], _ = _met(seen, facets, (float(j), float(i)), (j, i), (j, i), tried)
+                        _note_plane(facets, rows[i, j], planes)
             begin = end
+
+
+@compiled
+def _copy(seen: Any, rows: Any) -> None:
+    """Facets (w,) as they were rendered."""
+    for j in range(rows.size):
+        rows[j] = seen[j]
+
+
+@compiled
+def _note_plane(facets: Any, row: Any, planes: Any) -> None:
+    """The plane of a facet, whose outline is there."""
+    for k in range(3):
+        planes[row + 1, k] = facets.outlines[row, 3, k]
 
 
 @compiled("j2 f3 facets (i2 i0 u1) f0 j2! f2!", allocates=False, facets=FACET_TABLE)
@@ -58,18 +73,6 @@ def trace(seen: Any, places: Any, facets: Any, tried: Any, background: float, ro
             rows[i, j], near[i, j] = _met(seen, facets, (u, v), next_to, base, tried)
             if rows[i, j] < 0:
                 near[i, j] = background
-
-
-@compiled
-def end_of_run(row: Any, begin: int, stop: int, facet: int) -> Any:
-    """The first place from a beginning to a stop at which a row does not show a facet; or the stop.
-
-    With places without a sign, which need no check for one below 0.
-    """
-    place, last = np.uint64(begin), np.uint64(stop)
-    while place < last and row[place] == facet:
-        place += np.uint64(1)
-    return np.int64(place)
 
 
 @compiled
@@ -157,11 +160,3 @@ def _side(facets: Any, row: int, side: int, u: float, v: float) -> float:
         facets.outlines[row, side, 0] * u + facets.outlines[row, side, 1] * v + facets.outlines[row, side, 2]
     )
     return inside
-
-
-@compiled
-def _fill(plane: Any, begin: int, v: int, near: Any) -> None:
-    """Inverse depths (n,) of a plane at n places of a row."""
-    rest = plane[1] * v + plane[2]
-    for k in range(near.size):
-        near[k] = plane[0] * (begin + k) + rest

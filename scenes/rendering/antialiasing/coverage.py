@@ -16,8 +16,12 @@ from uavbench.trajectories.pose import Array
 BESIDE = 2
 """Row of `BorderRows` of the borders between a pixel and the next one in its row; 0 and 1 are those between rows."""
 
-CELL_ROWS, CELL_COLUMNS = 8, 16
-"""Size in px of the cells of which is known whether they have borders."""
+CELL_ROWS, CELL_COLUMNS = 4, 8
+"""Size in px of the cells of an image."""
+WINDOW_ROWS, WINDOW_COLUMNS = 2, 6
+"""Cells of the window that begins with each cell, to its right and below it."""
+BORDERED = -2
+"""In place of the plane that a window shows: it has borders, or may have some."""
 
 
 def cells(height: int, width: int) -> tuple[int, int]:
@@ -31,7 +35,7 @@ class BorderRows(NamedTuple):
     places (3, w, 2), 0.5 where there is no border; between (3, w); mixed (3, w'), in whole words of bytes: 1 for the
     pixels of this row and the next that have any, else 0, and a row of 0; columns (h, w) of some pixels of each row, of
     which counts (h,) are listed; bordered: 1 for the `cells` with a pixel that a border divides from the next one in
-    its row or from the one below, else 0: the others show one plane, or none.
+    its row or from the one below, at the end for those whose windows have one; windows: see `Pixels`.
     """
 
     places: Array
@@ -40,16 +44,18 @@ class BorderRows(NamedTuple):
     columns: NDArray[np.uint16]
     counts: Rows
     bordered: NDArray[np.uint8]
+    windows: NDArray[np.int32]
 
     @classmethod
-    def of(cls, height: int, width: int, bordered: NDArray[np.uint8]) -> "BorderRows":
-        """Scratch for an image of a size in px, and the array of its cells."""
+    def of(cls, height: int, width: int, windows: NDArray[np.int32]) -> "BorderRows":
+        """Scratch for an image of a size in px, and the array of its windows."""
         places, between = np.full((3, width, 2), 0.5), np.empty((3, width), dtype=np.int64)
         columns, counts = np.empty((height, width), dtype=np.uint16), np.empty(height, dtype=np.int64)
-        return cls(places, between, np.zeros((3, -(-width // BITS) * BITS), dtype=np.uint8), columns, counts, bordered)
+        mixed = np.zeros((3, -(-width // BITS) * BITS), dtype=np.uint8)
+        return cls(places, between, mixed, columns, counts, np.empty(windows.shape, dtype=np.uint8), windows)
 
 
-BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! h2! i1! u2!")
+BORDER_ROWS = named_tuple(BorderRows, "f3! i2! u2! h2! i1! u2! j2!")
 
 
 @compiled("u3 j2 facets i1! rows u3!", allocates=False, facets=FACET_TABLE, rows=BORDER_ROWS)
@@ -65,6 +71,37 @@ def antialias(color: Any, shown: Any, facets: Any, seen: Any, rows: Any, out: An
     for v in range(out.shape[0]):
         _find_borders(shown, facets, v, seen, rows)
         _mix(color, v, seen, rows, out)
+    _widen(rows.bordered)
+    _find_planes(shown, facets.plane, rows)
+
+
+@compiled
+def _widen(bordered: Any) -> None:
+    """Turn cells that are 1 where they have borders into those that are 1 where their windows have any."""
+    lines, cells = bordered.shape
+    for line in range(lines):
+        row = bordered[line]
+        for step in range(1, WINDOW_ROWS):
+            _add_marks(bordered[min(line + step, lines - 1)], row)
+        for _ in range(1, WINDOW_COLUMNS):
+            _add_marks(row[1:], row[: cells - 1])
+
+
+@compiled
+def _add_marks(marks: Any, row: Any) -> None:
+    """Set to 1 where the marks (n,) are."""
+    for k in range(row.size):
+        row[k] |= marks[k]
+
+
+@compiled
+def _find_planes(shown: Any, plane: Any, rows: Any) -> None:
+    """Planes of the windows without borders, which their first pixels show."""
+    for line in range(rows.windows.shape[0]):
+        for cell in range(rows.windows.shape[1]):
+            facet = shown[line * CELL_ROWS, cell * CELL_COLUMNS]
+            there = plane[facet] if facet >= 0 else facet
+            rows.windows[line, cell] = BORDERED if rows.bordered[line, cell] else there
 
 
 @compiled

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.antialiasing.border_kernels import find_smooth, number_planes
-from uavbench.scenes.rendering.antialiasing.coverage import BorderRows, antialias, cells, part_numbers
+from uavbench.scenes.rendering.antialiasing.coverage import BORDERED, BorderRows, antialias, cells, part_numbers
 from uavbench.scenes.rendering.antialiasing.facet_table import FacetTable
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import Facets
@@ -37,12 +37,13 @@ class Moment(NamedTuple):
 class Pixels(NamedTuple):
     """What a view shows at pixel centres: facets (h, w), -1 for the background, with their depths and instances.
 
-    bordered: of each cell of the image, see `BorderRows`; 1 for all before the image is antialiased.
+    windows: of each of the `cells` of the image the plane that its window shows, -1 for none, BORDERED where it has
+    borders, as all have before the image is antialiased.
     """
 
     facets: NDArray[np.int32]
     geometry: Geometry
-    bordered: NDArray[np.uint8]
+    windows: NDArray[np.int32]
 
 
 class Outlines:
@@ -63,12 +64,13 @@ class Outlines:
     def image(self, color: NDArray[np.uint8], pixels: "Pixels", moment: Moment) -> NDArray[np.uint8]:
         """Antialiased image (h, w, 3) BGR of the colours and facets rendered at pixel centres, see `antialias`.
 
-        It finds which cells of the pixels are bordered.
+        It finds the planes of the windows of the pixels.
         """
         table = self.table(moment)
-        out = np.asarray(cv2.flip(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), 0), dtype=np.uint8)
+        out = np.asarray(cv2.cvtColor(color, cv2.COLOR_RGBA2BGR), dtype=np.uint8)
+        cv2.flip(out, 0, out)
         antialias(
-            color, pixels.facets, table, self._seen, BorderRows.of(len(color), color.shape[1], pixels.bordered), out
+            color, pixels.facets, table, self._seen, BorderRows.of(len(color), color.shape[1], pixels.windows), out
         )
         return out
 
@@ -89,7 +91,7 @@ class Outlines:
         """What was rendered at pixel centres, of numbers (h, w, 2) as read back: see `part_numbers`."""
         size = numbers.shape[:2]
         geometry = Geometry(np.empty(size, dtype=np.float32), np.empty(size, dtype=np.uint8))
-        pixels = Pixels(np.empty(size, dtype=np.int32), geometry, np.ones(cells(*size), dtype=np.uint8))
+        pixels = Pixels(np.empty(size, dtype=np.int32), geometry, np.full(cells(*size), BORDERED, dtype=np.int32))
         part_numbers(numbers, self._instance, pixels.facets, *geometry)
         return pixels
 
