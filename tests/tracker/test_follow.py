@@ -89,6 +89,22 @@ def test_a_well_supported_fit_elsewhere_gives_way_to_a_likelier_one_where_frames
     assert error(run.follower.fit(frame, StageClock()), pose) < 0.004
 
 
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_pose_found_elsewhere_after_a_loss_tells_no_velocity(lost):
+    """From a window to the next one nothing has moved: at 15 Hz it would be 20 m/s, one more window in each frame.
+
+    But what a track follows from frame to frame may move as fast as it likes.
+    """
+    run, frame, pose = after()
+    fit, known = run.follower.fit(frame, StageClock()), run.state.motion
+    aside = replace(fit, cam_from_world=Pose(pose.rotation, pose.translation + np.array([0.3, 0.0, 0.0])))
+    for found, tells in ((aside, not lost), (fit, True)):
+        run.state.motion = known
+        run.state.learn(frame.predicted, found, (1 + lost) * frame.dt_s, KNOWN * STEP_NS, frame.dt_s)
+        assert run.state.motion.cam_from_world is found.cam_from_world
+        assert (run.state.motion.velocity is not known.velocity) == tells
+
+
 def test_patches_that_contradict_each_other_do_not_tell_where_to_look():
     """Of panes that mirror other things some are found elsewhere; each of them by itself may look right."""
     run, frame, pose = after()

@@ -99,7 +99,7 @@ def test_from_a_place_to_another_one_that_looks_alike_nothing_moves():
 def test_where_the_camera_may_be_is_told_by_the_last_pose_that_was_told():
     """A track that is followed without being believed went 2.4 m aside: that says nothing of where it may be."""
     state, told = tracked(speed_m_s=0.0), tracked(speed_m_s=0.0)
-    state.learn(state.predicted(0.5, STEP_NS), fit(2.4, 0.7), 0.5, STEP_NS)
+    state.learn(state.predicted(0.5, STEP_NS), fit(2.4, 0.7), 0.5, STEP_NS, 0.5)
     assert state.motion.cam_from_world.translation[0] == pytest.approx(2.4)
     for each, same in zip(state.within(1.0).reach, told.within(1.0).reach, strict=True):
         np.testing.assert_allclose(each.cam_from_world.translation, same.cam_from_world.translation)
@@ -131,7 +131,7 @@ def test_an_accepted_pose_ends_all_hypotheses():
     state = tracked(speed_m_s=0.2)
     followed(state, [[(0.1, 0.7, 0.7, 0), (0.4, 0.7, 0.68, 0)]])
     predicted = state.predicted(1.0, 2 * STEP_NS)
-    state.learn(predicted, fit(0.2, 0.8), 1.0, 2 * STEP_NS)
+    state.learn(predicted, fit(0.2, 0.8), 1.0, 2 * STEP_NS, 0.5)
     assert not state.hypotheses
     (only,) = state.likely(predicted, 3 * STEP_NS)
     assert only.predicted is predicted

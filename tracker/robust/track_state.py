@@ -264,12 +264,17 @@ class TrackState:
         self.ok_ns, self.usual_support, self.frames_ok = None, 0.0, 0
         self.prediction_errors = PredictionErrors()
 
-    def learn(self, predicted: Motion, fit: Fit, dt_s: float, stamp_ns: int) -> None:
-        """Update motion, usual support and the errors of predictions with a frame that is ok."""
+    def learn(self, predicted: Motion, fit: Fit, dt_s: float, stamp_ns: int, step_s: float) -> None:
+        """Update motion, usual support and the errors of predictions with a frame that is ok.
+
+        dt_s: time since the last one that was; step_s: since the last one. A pose tells no velocity where there is none
+        before it, or where it was found after a loss, farther away than what a vehicle may do.
+        """
         rate = self.config.edges.appearance.learning_rate
-        if self.is_first:
-            dt_s = 0.0  # there is no pose before it that would tell a velocity
-        else:
+        far = dt_s > step_s and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
+        if self.is_first or far:
+            dt_s = 0.0
+        if not self.is_first:
             self.prediction_errors = self.prediction_errors.updated(predicted, fit.cam_from_world, rate)
         memory_s = self.config.motion.memory_s
         self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s, memory_s)

@@ -104,7 +104,7 @@ class RobustRun:
         self.unit_weight.learn(fit, self.fitter.biases.state)
         self.fitter.learn(frame.image, fit, frame.dt_s)
         self.decider.found_edges.learn(fit)
-        self.state.learn(frame.predicted, fit, frame.dt_s, stamp_ns)
+        self.state.learn(frame.predicted, fit, frame.dt_s, stamp_ns, frame.step_s)
         self.frames.ok_rows = self.frames.seen_rows
 
     def tracked(self, fit: Fit, image: Image, clock: StageClock) -> TrackResult:
