@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
-from uavbench.tracker.robust.edges.columns import BOTH_FACES
-from uavbench.tracker.robust.edges.contact_kernels import (
+from uavbench.tracker.robust.edges.beside.contact_kernels import (
     BESIDE_EDGE,
     BEYOND,
     OPPOSITE,
@@ -18,6 +17,7 @@ from uavbench.tracker.robust.edges.contact_kernels import (
     WITHIN,
     faces_beside,
 )
+from uavbench.tracker.robust.edges.columns import BOTH_FACES
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
 from uavbench.trajectories.geometry.bvh import Tree, build_tree
 from uavbench.trajectories.geometry.rays import are_inside

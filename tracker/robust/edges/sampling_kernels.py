@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import Point, camera_centre, clip_segment, normal_row
+from uavbench.tracker.robust.edges.beside.contact_kernels import PARTS
 from uavbench.tracker.robust.edges.columns import (
     BESIDE,
     BINS,
@@ -23,7 +24,6 @@ from uavbench.tracker.robust.edges.columns import (
     U,
     V,
 )
-from uavbench.tracker.robust.edges.contact_kernels import PARTS
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, occluder, sight_from
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
