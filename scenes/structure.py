@@ -18,6 +18,9 @@ MOST_SPLITS = 8
 """Splits for each flat triangle: one is the rule, a chain of them on a side takes some."""
 MOST_SIDES = 50
 """Sides of surfaces in an edge up to which those that go on are found, which takes the square; more is no surface."""
+COLLINEAR, NEARLY_COLLINEAR = 1e-6, 1e-3
+"""Sines of the angles by which edges that are one turn at most, rounding included, and pieces that may become one.
+"""
 WELD_M = 1e-6
 """Vertices closer than this are merged, metres."""
 
@@ -269,30 +272,44 @@ def _components(n: int, a: Indices, b: Indices) -> Indices:
 
 def _join_collinear(vertices: Array, pairs: Indices, faces: Indices) -> tuple[Indices, Indices]:
     """Join consecutive collinear edges between the same two faces."""
-    ends: dict[tuple[int, int, int], list[int]] = {}
-    for row, (pair, face) in enumerate(zip(pairs.tolist(), faces.tolist(), strict=True)):
-        for vertex in pair:
-            ends.setdefault((vertex, *face), []).append(row)
-    merged = {row: list(pair) for row, pair in enumerate(pairs.tolist())}
-    alias = list(range(len(pairs)))
+    merged, alias, kept = pairs.copy(), list(range(len(pairs))), np.ones(len(pairs), dtype=np.bool_)
 
     def root(row: int) -> int:
         while alias[row] != row:
             row = alias[row]
         return row
 
-    for (vertex, *_), rows in ends.items():
-        if len(rows) != 2:
-            continue
+    for vertex, *rows in _joints(vertices, pairs, faces).tolist():
         first, second = root(rows[0]), root(rows[1])
         if first == second:
             continue
-        tip = next(v for v in merged[first] if v != vertex)
-        tail = next(v for v in merged[second] if v != vertex)
-        u, v = vertices[vertex] - vertices[tip], vertices[tail] - vertices[vertex]
-        if u @ v > 0 and np.linalg.norm(np.cross(u, v)) <= 1e-6 * np.linalg.norm(u) * np.linalg.norm(v):
-            merged[first] = [tip, tail]
-            alias[second] = first
-            del merged[second]
-    rows = sorted(merged)
-    return np.array([merged[r] for r in rows], dtype=np.int64).reshape(-1, 2), faces[rows].reshape(-1, 2)
+        tip, tail = (int(merged[row][merged[row] != vertex][0]) for row in (first, second))
+        if _turns_less(vertices[None, [tip, vertex, tail]], COLLINEAR)[0]:
+            merged[first], alias[second], kept[second] = [tip, tail], first, False
+    return merged[kept], faces[kept]
+
+
+def _joints(vertices: Array, pairs: Indices, faces: Indices) -> Indices:
+    """Vertex and two rows of edges (k, 3) that go on in about one direction between the same faces, in their order.
+
+    Edges that were joined before turn by little, and those that turn by much are joined never.
+    """
+    ends, rows = pairs.ravel(), np.repeat(np.arange(len(pairs)), 2)
+    order = np.lexsort((faces[rows, 1], faces[rows, 0], ends))  # stable: those of a group in their order
+    keys = np.column_stack([ends, faces[rows]])[order]
+    new = np.ones(len(keys) + 1, dtype=np.bool_)
+    new[1:-1] = (np.diff(keys, axis=0) != 0).any(axis=1)
+    first = np.flatnonzero(new)
+    first = order[first[:-1][np.diff(first) == 2][:, None] + np.arange(2)]
+    first = first[np.argsort(first[:, 0])]
+    tips = ends[first ^ 1]  # the other end of either edge
+    turn = _turns_less(vertices[np.stack([tips[:, 0], ends[first[:, 0]], tips[:, 1]], axis=1)], NEARLY_COLLINEAR)
+    return np.column_stack([ends[first[:, 0]], rows[first]])[turn]
+
+
+def _turns_less(corners: Array, sine: float) -> NDArray[np.bool_]:
+    """Mask (n,) of paths over three corners (n, 3, 3) that go on and turn by an angle of less than this sine."""
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1]
+    across = np.linalg.norm(np.cross(u, v), axis=1)
+    along = np.einsum("ij,ij->i", u, v)
+    return np.asarray((along > 0.0) & (across <= sine * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)))

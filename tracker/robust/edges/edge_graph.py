@@ -17,6 +17,7 @@ from uavbench.tracker.robust.edges.beside.contact_kernels import (
     WITHIN,
     faces_beside,
 )
+from uavbench.tracker.robust.edges.beside.inward_kernels import into_faces
 from uavbench.tracker.robust.edges.columns import BOTH_FACES
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
 from uavbench.trajectories.geometry.bvh import Tree, build_tree
@@ -58,11 +59,11 @@ class EdgeMap(NamedTuple):
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
         ends = np.array(structure.edge_segments, order="C")
         faces = np.array(structure.edge_faces, order="C")
-        inward = _inward(structure, corners)
         planes = np.column_stack([structure.face_normals, offsets])
         tree = build_tree(corners)
         triangles = Triangles.of(tree, structure.triangle_face)
         size = float(np.linalg.norm(np.diff(structure.bounds, axis=0)))
+        inward = into_faces(ends, faces, triangles, size)
         beside = faces_beside(ends, faces, inward, planes, triangles, size)
         return cls(
             ends,
@@ -73,7 +74,7 @@ class EdgeMap(NamedTuple):
             np.array(list(product(*structure.bounds.T))),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
-            _shown(beside, _places_outside(structure, inward, BESIDE_EDGE * size), tree),
+            _shown(structure, inward, beside, BESIDE_EDGE * size, tree),
             np.full(len(structure.edges), NONE),
         )
 
@@ -113,52 +114,28 @@ def _rounded(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:
     return np.asarray(np.isin(structure.edge_faces, faces[faces >= 0]).any(axis=1))
 
 
-def _inward(structure: Structure, corners: Array) -> Array:
-    """Unit vectors (e, 2, 3) perpendicular to each edge, into the adjacent triangle of either face."""
-    out = np.zeros((len(structure.edges), 2, 3))
-    by_face = np.argsort(structure.triangle_face, kind="stable")
-    bounds = np.searchsorted(structure.triangle_face[by_face], np.arange(len(structure.face_normals) + 1))
-    for row, (ends, faces) in enumerate(zip(structure.edge_segments, structure.edge_faces.tolist(), strict=True)):
-        length = np.linalg.norm(ends[1] - ends[0])
-        along = (ends[1] - ends[0]) / length
-        middle = ends[0] + 0.4567 * (ends[1] - ends[0])  # not at a vertex of a regular mesh
-        for side, face in enumerate(faces):
-            if face < 0:
-                continue
-            triangles = corners[by_face[bounds[face] : bounds[face + 1]]]
-            best = triangles[np.argmin(_distance_to_sides(middle, triangles))]
-            into = best.mean(axis=0) - middle
-            into -= along * (into @ along)
-            out[row, side] = into / max(float(np.linalg.norm(into)), 1e-12)
-    return out
-
-
-def _distance_to_sides(point: Array, triangles: Array) -> Array:
-    """Distance (m,) of a point to the nearest side of each triangle (m, 3, 3)."""
-    start, side = triangles, np.roll(triangles, -1, axis=1) - triangles
-    part = np.clip(np.einsum("mij,mij->mi", point - start, side) / np.einsum("mij,mij->mi", side, side), 0, 1)
-    return np.asarray(np.linalg.norm(point - start - part[..., None] * side, axis=2).min(axis=1))
-
-
-def _places_outside(structure: Structure, inward: Array, away: float) -> Array:
-    """Places (e, 2, PARTS, 3) beside each part of each edge, `away` from it and outside of either face."""
-    part = ((np.arange(PARTS) + 0.5) / PARTS)[:, None]
-    start, end = structure.edge_segments[:, :1], structure.edge_segments[:, 1:]
-    beside = inward + structure.face_normals[structure.edge_faces]
-    return np.asarray((start + part * (end - start))[:, None] + away * beside[:, :, None])
-
-
-def _shown(beside: NDArray[np.uint8], outside: Array, tree: Tree) -> NDArray[np.uint8]:
+def _shown(
+    structure: Structure, inward: Array, beside: NDArray[np.uint8], away: float, tree: Tree
+) -> NDArray[np.uint8]:
     """Bits of the faces that show beside each part of each edge (e, 3, PARTS), 0 where it is no edge of the surface.
 
     The second axis is the bits of the faces that face the camera, less one. A face is covered where another part
-    begins: the back of a sheet that is drawn from both sides covers nothing.
+    begins, inside of which a place `away` from both is: the back of a sheet that is drawn from both sides covers
+    nothing.
     """
     covered = (beside[:, :, WITHIN] & OPPOSITE) > 0
-    covered[covered] = are_inside(tree, outside[covered])
+    covered[covered] = are_inside(tree, _places_outside(structure, inward, away, np.argwhere(covered)))
     goes_on = (beside[:, :, BEYOND] & SAME_WAY) > 0
-    one_two = np.array([1, 2])[:, None]
-    facing = np.arange(1, BOTH_FACES + 1)[:, None]
-    seen = facing & ~(covered * one_two).sum(axis=1)[:, None]
-    joint = (seen != BOTH_FACES) & ((seen & (goes_on * one_two).sum(axis=1)[:, None]) > 0)
-    return np.where(joint, 0, seen).astype(np.uint8)
+    one_two = np.array([1, 2], dtype=np.uint8)[:, None]
+    facing = np.arange(1, BOTH_FACES + 1, dtype=np.uint8)[:, None]
+    seen = facing & ~(covered * one_two).sum(axis=1, dtype=np.uint8)[:, None]
+    joint = (seen != BOTH_FACES) & ((seen & (goes_on * one_two).sum(axis=1, dtype=np.uint8)[:, None]) > 0)
+    return np.where(joint, np.uint8(0), seen)
+
+
+def _places_outside(structure: Structure, inward: Array, away: float, parts: Indices) -> Array:
+    """Places (n, 3) beside parts (n, 3) of edges: edge, face and part; `away` from it and outside of that face."""
+    edge, side, part = parts.T
+    start, end = structure.edge_segments[edge, 0], structure.edge_segments[edge, 1]
+    beside = inward[edge, side] + structure.face_normals[structure.edge_faces[edge, side]]
+    return np.asarray(start + ((part + 0.5) / PARTS)[:, None] * (end - start) + away * beside)

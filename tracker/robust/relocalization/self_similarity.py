@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
-from uavbench.tracker.robust.relocalization.self_similarity_kernels import on_edges, shares_on_edges, table_of_cells
+from uavbench.tracker.robust.relocalization.self_similarity_kernels import on_edges, shares_on_edges, table_of_edges
 from uavbench.trajectories.pose import Array
 
 MOST_ALIKE = 400
@@ -33,8 +33,6 @@ degrees apart."""
 TURNED_PART, TURNED_POINTS = 0.5, 2000
 """Least part of the edges that a turn maps onto edges, and number of points by which it is told."""
 STILL = np.zeros((1, 3))
-SIDES = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-"""Corners of a cell around a point; their cells contain all points up to half a cell away."""
 
 
 class SelfSimilarity:
@@ -48,15 +46,18 @@ class SelfSimilarity:
         ends, lengths, along = edges.ends[long], lengths[long], along[long] / lengths[long, None]
         self.shifts = self._repetitions(ends.mean(axis=1), along, lengths)[:SHIFTS]
         counts = np.ceil(lengths / self.cell).astype(np.int64) + 1
-        edge = np.repeat(np.arange(len(ends)), counts)
-        part = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)) / (counts - 1)[edge]
+        self.passed = table_of_edges(ends, counts, direction_numbers(along), self.cell)
+        until = np.cumsum(counts)
+        some = (
+            np.linspace(0, until[-1] - 1, min(until[-1], TURNED_POINTS)).round().astype(np.int64)
+            if len(ends)
+            else until
+        )
+        edge = np.searchsorted(until, some, side="right")
+        part = (some - until[edge] + counts[edge]) / (counts[edge] - 1)
         places = ends[edge, 0] + part[:, None] * (ends[edge, 1] - ends[edge, 0])
-        sides = (places[:, None] + SIDES * self.cell).reshape(-1, 3)
-        directions = np.repeat(direction_numbers(along)[edge], len(SIDES))
-        self.passed = table_of_cells(sides, directions, self.cell)
-        some = np.linspace(0, len(places) - 1, min(len(places), TURNED_POINTS)).round().astype(np.int64)
         turns = [turn for middle in self._middles(ends, lengths) for turn in turns_about(middle)]
-        self.turns = [turn for turn in turns if self.moved(turn, places[some], along[edge[some]], TURNED_PART, STILL)]
+        self.turns = [turn for turn in turns if self.moved(turn, places, along[edge], TURNED_PART, STILL)]
 
     def _middles(self, ends: Array, lengths: Array) -> list[Array]:
         """Where the axis of a turn may be: the middle of the edges' extent, and that of their length if it is another.
@@ -97,10 +98,10 @@ class SelfSimilarity:
     def _repetitions(self, middles: Array, along: Array, lengths: Array) -> Array:
         """Shifts (k, 3) and their opposites, by descending length of edges that they map onto others."""
         alike = np.column_stack([np.round(np.log(lengths) / LENGTH_STEP), direction_numbers(along)]).astype(np.int64)
-        _, group = np.unique(alike, axis=0, return_inverse=True)
+        _, group, members = np.unique(row_numbers(alike), return_inverse=True, return_counts=True)
+        by_group = np.split(np.argsort(group, kind="stable"), np.cumsum(members)[:-1])
         apart, weight = [np.zeros((0, 3))], [np.zeros(0)]
-        for k in range(group.max(initial=-1) + 1):
-            these = np.flatnonzero(group.ravel() == k)[:MOST_ALIKE]
+        for these in (each[:MOST_ALIKE] for each, number in zip(by_group, members, strict=True) if number > 1):
             one, other = np.triu_indices(len(these), 1)
             apart.append(middles[these[other]] - middles[these[one]])
             weight.append(lengths[these[one]])
@@ -109,9 +110,9 @@ class SelfSimilarity:
         far = np.abs(steps).max(axis=1, initial=0) > 2
         steps, shift, votes = steps[far], shift[far], votes[far]
         back = first_signs(steps)[:, None]
-        unique, place = np.unique(steps * back, axis=0, return_inverse=True)
-        total = np.bincount(place.ravel(), votes, len(unique))
-        sums = [np.bincount(place.ravel(), votes * column, len(unique)) for column in (shift * back).T]
+        unique, place = np.unique(row_numbers(steps * back), return_inverse=True)
+        total = np.bincount(place, votes, len(unique))
+        sums = [np.bincount(place, votes * column, len(unique)) for column in (shift * back).T]
         mean = np.column_stack(sums) / total[:, None]
         best = np.argsort(-total, kind="stable")
         return np.stack([mean[best], -mean[best]], axis=1).reshape(-1, 3)
@@ -125,6 +126,13 @@ def turns_about(middle: Array) -> list[RigidMotion]:
         R = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         found.append(RigidMotion(R, middle - R @ middle))
     return found
+
+
+def row_numbers(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number (n,) for each row (n, k), in lexicographic order."""
+    rows = rows - rows.min(axis=0, initial=0)
+    sizes = [int(most) + 1 for most in rows.max(axis=0, initial=0)]
+    return np.asarray(np.ravel_multi_index(tuple(rows.T), sizes))
 
 
 def direction_numbers(along: Array) -> NDArray[np.int64]:

@@ -18,6 +18,10 @@ NONE = np.int64(-(2**63))
 """Place of a table that is empty."""
 ROOM = 4
 """Least number of places of a table for each key: few are then looked up to find one."""
+FIRST_SIZE = 1024
+"""Places of a table that grows."""
+CELLS = 8
+"""Most cells of a point: as many as a cube has corners."""
 
 Indices = NDArray[np.int64]
 
@@ -39,11 +43,11 @@ def place_of(key: int, table: Indices) -> int:
     return int(place)
 
 
-@compiled("i1!", inner=True)
-def table_of(keys: Indices) -> Indices:
-    """Table of keys (n,), of which some may be equal; its length is a power of two."""
+@compiled("i1! i0", inner=True)
+def table_of(keys: Indices, room: int) -> Indices:
+    """Table of keys (n,) with so many places for each at least; its length is a power of two."""
     size = 1
-    while size < ROOM * len(keys) + 1:
+    while size < room * len(keys) + 1:
         size *= 2
     table = np.full(size, NONE)
     for key in keys:
@@ -51,14 +55,29 @@ def table_of(keys: Indices) -> Indices:
     return table
 
 
-@compiled("f2 i1 f0")
-def table_of_cells(points: Array, directions: Indices, cell: float) -> Indices:
-    """Table of the keys of the cells of points (n, 3) on edges of numbered directions (n,)."""
-    keys = np.empty(len(points), np.int64)
-    for n in range(len(points)):
-        keys[n] = key_of(points[n, 0], points[n, 1], points[n, 2], directions[n], cell)
-    table = table_of(keys)
-    return table_of(table[table != NONE])  # smaller, since many points share a cell
+@compiled("f3! i1! i1! f0")
+def table_of_edges(ends: Array, counts: Indices, directions: Indices, cell: float) -> Indices:
+    """Table of the keys of the cells of edges (e, 2, 3) of numbered directions (e,), by counts (e,) points on each.
+
+    The cells of a point are those that hold all points up to half a cell away.
+    """
+    table, filled, half = np.full(FIRST_SIZE, NONE), 0, 0.5 * cell
+    for e in range(len(ends)):
+        for k in range(counts[e]):
+            part = k / (counts[e] - 1)
+            x = ends[e, 0, 0] + part * (ends[e, 1, 0] - ends[e, 0, 0])
+            y = ends[e, 0, 1] + part * (ends[e, 1, 1] - ends[e, 0, 1])
+            z = ends[e, 0, 2] + part * (ends[e, 1, 2] - ends[e, 0, 2])
+            for i in (-half, half):
+                for j in (-half, half):
+                    for m in (-half, half):
+                        key = key_of(x + i, y + j, z + m, directions[e], cell)
+                        place = place_of(key, table)
+                        filled += int(table[place] == NONE)
+                        table[place] = key
+            if ROOM * (filled + CELLS) > len(table):
+                table = table_of(table[table != NONE], 2 * ROOM)
+    return table_of(table[table != NONE], ROOM)
 
 
 @compiled("f2 i1 f0 i1!")

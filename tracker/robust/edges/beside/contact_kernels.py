@@ -46,22 +46,43 @@ def covers(point: Array, a: Array, b: Array, c: Array) -> bool:
     return beta >= 0.0 and gamma >= 0.0 and beta + gamma <= 1.0
 
 
-@compiled("f1! f1! f0 triangles f2! i1! i1!", inner=True, triangles=TRIANGLES)
-def faces_at(
-    point: Array, normal: Array, apart: float, triangles: Triangles, planes: Array, own: Indices, stack: Indices
-) -> int:
-    """Bits of the faces, other than `own` (2,), that lie within `apart` of a point (3,) of a plane, parallel to it."""
-    corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes
-    stack[0] = 0
-    depth, found = 1, 0
+@compiled("f2! f3! i0 f0", inner=True, allocates=False)
+def passes(line: Array, boxes: Array, node: int, apart: float) -> bool:
+    """Whether a line from one point (3,) to another one passes within `apart` of the box of a node."""
+    low, high = 0.0, 1.0
+    for k in range(3):
+        start, along = line[0, k], line[1, k] - line[0, k]
+        below, above = boxes[node, 0, k] - apart - start, boxes[node, 1, k] + apart - start
+        if along == 0.0:
+            if below > 0.0 or above < 0.0:
+                return False
+            continue
+        one, other = below / along, above / along
+        low, high = max(low, min(one, other)), min(high, max(one, other))
+    return low <= high
+
+
+@compiled("f2! f1! f0 triangles f2! i1! u1!", inner=True, triangles=TRIANGLES)
+def note_faces(
+    line: Array,
+    normal: Array,
+    apart: float,
+    triangles: Triangles,
+    planes: Array,
+    own: Indices,
+    found: NDArray[np.uint8],
+) -> None:
+    """Note the faces, other than `own` (2,), that lie within `apart` of places of a plane, parallel to it.
+
+    The places are the middles of PARTS parts of a line (2, 3); found (PARTS,) their bits, which are added.
+    """
+    corners, face, nodes = triangles.corners, triangles.face, triangles.nodes
+    stack, place = np.empty(STACK, np.int64), np.empty(3)
+    stack[0], depth = 0, 1
     while depth > 0:
         depth -= 1
         node = stack[depth]
-        outside = False
-        for k in range(3):
-            if point[k] < boxes[node, 0, k] - apart or point[k] > boxes[node, 1, k] + apart:
-                outside = True
-        if outside:
+        if not passes(line, triangles.boxes, node, apart):
             continue
         if nodes[node, 0] >= 0:
             stack[depth], stack[depth + 1] = nodes[node, 0], nodes[node, 1]
@@ -73,12 +94,15 @@ def faces_at(
             if f == own[0] or f == own[1]:
                 continue
             along = planes[f, 0] * normal[0] + planes[f, 1] * normal[1] + planes[f, 2] * normal[2]
-            away = planes[f, 0] * point[0] + planes[f, 1] * point[1] + planes[f, 2] * point[2] - planes[f, 3]
-            if abs(along) < PARALLEL or abs(away) > apart:
+            if abs(along) < PARALLEL:
                 continue
-            if covers(point, corners[m, 0], corners[m, 1], corners[m, 2]):
-                found |= SAME_WAY if along > 0.0 else OPPOSITE
-    return found
+            for part in range(PARTS):
+                s, away = (part + 0.5) / PARTS, -planes[f, 3]
+                for k in range(3):
+                    place[k] = line[0, k] + s * (line[1, k] - line[0, k])
+                    away += planes[f, k] * place[k]
+                if abs(away) <= apart and covers(place, corners[m, 0], corners[m, 1], corners[m, 2]):
+                    found[part] |= SAME_WAY if along > 0.0 else OPPOSITE
 
 
 @compiled("f3! i2! f3! f2! triangles f0", triangles=TRIANGLES)
@@ -91,7 +115,7 @@ def faces_beside(
     arrays are those of `EdgeMap`; size: diagonal of the structure.
     """
     found = np.zeros((len(ends), 2, 2, PARTS), np.uint8)
-    stack, place, normal = np.empty(STACK, np.int64), np.empty(3), np.empty(3)
+    line, normal = np.empty((2, 3)), np.empty(3)
     for e in range(len(ends)):
         for side in range(2):
             if faces[e, side] < 0:
@@ -100,11 +124,8 @@ def faces_beside(
                 normal[k] = planes[faces[e, side], k]
             for across in range(2):
                 away = BESIDE_EDGE * size * (1.0 if across == WITHIN else -1.0)
-                for part in range(PARTS):
-                    s = (part + 0.5) / PARTS
+                for end in range(2):
                     for k in range(3):
-                        place[k] = ends[e, 0, k] + s * (ends[e, 1, k] - ends[e, 0, k]) + away * inward[e, side, k]
-                    found[e, side, across, part] = faces_at(
-                        place, normal, COPLANAR * size, triangles, planes, faces[e], stack
-                    )
+                        line[end, k] = ends[e, end, k] + away * inward[e, side, k]
+                note_faces(line, normal, COPLANAR * size, triangles, planes, faces[e], found[e, side, across])
     return found
