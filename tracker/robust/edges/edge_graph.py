@@ -19,6 +19,7 @@ from uavbench.tracker.robust.edges.beside.contact_kernels import (
 )
 from uavbench.tracker.robust.edges.beside.inward_kernels import into_faces
 from uavbench.tracker.robust.edges.columns import BOTH_FACES
+from uavbench.tracker.robust.edges.groups import GROUPS, Groups
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
 from uavbench.trajectories.geometry.bvh import Tree, build_tree
 from uavbench.trajectories.geometry.rays import are_inside
@@ -36,7 +37,8 @@ class EdgeMap(NamedTuple):
     extent (8, 3) the corners of the bounding box; smooth (e,) whether both faces belong to one rounded surface, so that
     the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
     surface; shown (e, 3, PARTS) the faces that show beside each part, see `_shown`; in_front (e,) the triangle
-    that last occluded a point of the edge, which is tried first: it saves time and changes nothing else.
+    that last occluded a point of the edge, which is tried first: it saves time and changes nothing else; groups of
+    edges, by which those out of view are passed over; looked_at (1,) how many were not in the last view.
     """
 
     ends: Array
@@ -49,6 +51,8 @@ class EdgeMap(NamedTuple):
     rounded: NDArray[np.bool_]
     shown: NDArray[np.uint8]
     in_front: Indices
+    groups: Groups
+    looked_at: Indices
 
     @classmethod
     def of(cls, structure: Structure, rounded_deg: float) -> "EdgeMap":
@@ -76,6 +80,8 @@ class EdgeMap(NamedTuple):
             _rounded(structure, rounded_deg),
             _shown(structure, inward, beside, BESIDE_EDGE * size, tree),
             np.full(len(structure.edges), NONE),
+            Groups.of(ends),
+            np.array([len(ends)]),
         )
 
     def directions(self, edges: Indices) -> Array:
@@ -84,7 +90,9 @@ class EdgeMap(NamedTuple):
         return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
 
 
-EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! u3! i1!", triangles=TRIANGLES)
+EDGE_MAP = named_tuple(
+    EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! u3! i1! groups i1!", triangles=TRIANGLES, groups=GROUPS
+)
 
 
 def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:

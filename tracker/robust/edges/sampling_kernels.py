@@ -97,11 +97,10 @@ def dense_length(length: Array, spacing_px: float, wanted: float, rounded: bool)
     """
     if not get_more_points(length, spacing_px, MOST_LENGTH_PX, wanted, rounded):
         return MOST_LENGTH_PX
-    seen = length[length > 0.0]
     low, high = LEAST_LENGTH_PX, MOST_LENGTH_PX
     for _ in range(1, BISECTIONS):
         middle = math.sqrt(low * high)
-        if get_more_points(seen, spacing_px, middle, wanted, rounded):
+        if get_more_points(length, spacing_px, middle, wanted, rounded):
             high = middle
         else:
             low = middle
@@ -126,7 +125,6 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     sight, triangles, rounded = sight_from(camera_centre(R, t)), edges.triangles, edges.rounded
     seen = visible_parts(edges, view)
     visible, part, depth, length = seen.faces, seen.part, seen.depth, seen.length_px
-    n_edges = len(ends)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
@@ -135,10 +133,8 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
     for sampling in range(1 if all_fit else 0, 2):
         dense_px = dense_length(length, spacing_px, wanted, sampling > 0)
         n, left_over = 0, 0.5
-        for e in range(n_edges):
-            if visible[e] == 0:
-                continue
-            share = points_on(length[e], spacing_px, dense_px)
+        for i in range(len(length)):
+            e, share = seen.edges[i], points_on(length[i], spacing_px, dense_px)
             count = int(share + 0.5)
             if sampling == 0 or (count == 0 and rounded[e]):  # the short edges of a round outline share their points
                 left_over += share
@@ -146,8 +142,8 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                 left_over -= count
             for k in range(count):
                 s = (k + 0.5) / count
-                near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
-                s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
+                near, far = s / depth[i, 1], (1.0 - s) / depth[i, 0]
+                s = part[i, 0] + (part[i, 1] - part[i, 0]) * near / (near + far)
                 q = Point(
                     ends[e, 0, 0] + s * (ends[e, 1, 0] - ends[e, 0, 0]),
                     ends[e, 0, 1] + s * (ends[e, 1, 1] - ends[e, 0, 1]),
@@ -163,7 +159,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
                     continue
                 if n == len(points) or not is_clear(u, v, view):
                     continue
-                shown = edges.shown[e, visible[e] - 1, min(PARTS - 1, int(s * PARTS))]
+                shown = edges.shown[e, visible[i] - 1, min(PARTS - 1, int(s * PARTS))]
                 if shown == 0:
                     continue
                 found = occluder(sight, q, triangles, faces[e, 0], faces[e, 1], in_front[e])
