@@ -126,7 +126,7 @@ class Frames:
         colours, unsmoothed, stretched = self.fitter.appearance, self.fitter.unsmoothed, stretch.of(frame.raw)
         image = smoothed(stretched, config)
         self.fitter.locate_in(self.fitter.sharpening.undone(stretched))
-        self.fitter.appearance = compensated(colours, self.stretch.towards(stretch, ratio))
+        self.fitter.appearance = compensated(colours, self.fitter.seen_rows, self.stretch.towards(stretch, ratio))
         other = self.fitter.fit(image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         if other.finite and other.support > fit.support:
             self.stretch = stretch

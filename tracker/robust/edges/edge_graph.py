@@ -38,7 +38,7 @@ class EdgeMap(NamedTuple):
     the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
     surface; shown (e, 3, PARTS) the faces that show beside each part, see `_shown`; in_front (e,) the triangle
     that last occluded a point of the edge, which is tried first: it saves time and changes nothing else; groups of
-    edges, by which those out of view are passed over; looked_at (1,) how many were not in the last view.
+    edges, by which those out of view are passed over; in_last_view (1,) how many were not.
     """
 
     ends: Array
@@ -52,7 +52,7 @@ class EdgeMap(NamedTuple):
     shown: NDArray[np.uint8]
     in_front: Indices
     groups: Groups
-    looked_at: Indices
+    in_last_view: Indices
 
     @classmethod
     def of(cls, structure: Structure, rounded_deg: float) -> "EdgeMap":
@@ -83,6 +83,11 @@ class EdgeMap(NamedTuple):
             Groups.of(ends),
             np.array([len(ends)]),
         )
+
+    @property
+    def looked_at(self) -> int:
+        """How many edges were not passed over at the last view."""
+        return int(self.in_last_view[0])
 
     def directions(self, edges: Indices) -> Array:
         """Unit directions (n, 3) of edges, rows (n,)."""

@@ -97,7 +97,7 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     fx, fy = view.lens[0], view.lens[1]
     near = np.zeros((len(ends) + WORD - 1) // WORD * WORD, np.uint8)
     most = mark_near(edges.groups, len(ends), view, clip, near)
-    edges.looked_at[0] = most
+    edges.in_last_view[0] = most
     rows, visible = np.empty(most, np.int64), np.empty(most, np.int64)
     part, depth, length = np.empty((most, 2)), np.empty((most, 2)), np.empty(most)
     words, n = near.view(np.int64), 0

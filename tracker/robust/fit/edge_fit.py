@@ -12,7 +12,7 @@ from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.appearance_kernels import Images, Nearness
-from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS, U, V
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, BINS, EDGE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, REACH, search, search_range
@@ -44,6 +44,7 @@ from uavbench.tracker.robust.fit.stage_kernels import (
     solve_anew,
     update,
 )
+from uavbench.tracker.robust.mostly_zero import mostly_zero
 from uavbench.tracker.robust.optics.blur import Blur
 from uavbench.tracker.robust.optics.colours import Colours
 from uavbench.tracker.robust.optics.sharpening import Sharpening
@@ -73,9 +74,11 @@ class EdgeFitter:
         self.edges = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
         self.kinds = EdgeKinds.of(self.edges)
         self.view = View.of(camera, structure)
-        self.most_points, self.now_s = 0, 0.0
+        self.most_points, self.most_edges, self.now_s = 0, 0, 0.0
         self.unsmoothed: Image | None = None
         self.blur, self.sharpening, self.colours = Blur(), Sharpening(), Colours()
+        self.seen = np.zeros(len(self.edges.ends), dtype=np.bool_)
+        """Edges (e,) whose appearance was learned, even if it is forgotten."""
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.rng = rng
@@ -90,7 +93,7 @@ class EdgeFitter:
         self.biases = NuisanceBiases(
             self.kinds, self.config.solver.bias, self.numbers.count, len(self.numbers.slabs.probability)
         )
-        self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
+        self.appearance = mostly_zero(len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS)
         self.learned = 0
 
     def forget_patches(self) -> None:
@@ -102,6 +105,11 @@ class EdgeFitter:
     def optics(self) -> Optics:
         """How light is thought to become codes."""
         return Optics(self.numbers.response.light, self.blur.px, self.colours.known)
+
+    @property
+    def seen_rows(self) -> Indices:
+        """Rows of appearance that may have been learned."""
+        return (np.flatnonzero(self.seen)[:, None] * 3 * BINS + np.arange(3 * BINS)).ravel()
 
     @property
     def known_biases(self) -> BiasesInView:
@@ -146,7 +154,7 @@ class EdgeFitter:
     def cost(self, fits: int, located: int = 1) -> int:
         """Evaluations of so many fits of a search, and of locating the edges of so many of them, a quarter more."""
         points, patches = self.most_points * 5 // 4, min(len(self.texture), MOST_USED)
-        return fits * fit_evaluations(len(self.edges.ends), points, patches) + located * points * LOCATED_POINT
+        return fits * fit_evaluations(self.most_edges, points, patches) + located * points * LOCATED_POINT
 
     def has_room_for(self, fits: int) -> bool:
         """Whether the frame's budget is enough for so many fits of a search and for locating the edges of the best."""
@@ -194,8 +202,8 @@ class EdgeFitter:
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
-        self.work.done += fit_evaluations(len(self.edges.ends), n, len(self.texture.chosen))
-        self.most_points = max(self.most_points, n)
+        self.work.done += fit_evaluations(self.edges.looked_at, n, len(self.texture.chosen))
+        self.most_points, self.most_edges = max(self.most_points, n), max(self.most_edges, self.edges.looked_at)
         if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         aligned = self.align(problem, most_px, clock)
@@ -276,6 +284,7 @@ class EdgeFitter:
         used = fit.residuals
         if used is None:
             return
+        self.seen[used.points.keys[:, EDGE]] = True
         image, at, widths = layered(image), self.view.at(fit.cam_from_world), self.values.widths
         asks = self.sharpening.asks(self.learned)
         limits = Nearness(widths.last_px, widths.trusted_px, self.optics, self.sharpening.undoes, asks)

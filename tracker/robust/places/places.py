@@ -104,7 +104,7 @@ class Places:
 
     def surfaces(self, reader: SurfaceReader, work: Work) -> list[Surface]:
         """What the run saw of the structure's surface, the last place first; at most half of the work left is spent."""
-        until, cost = work.done + work.left // 2, surface_evaluations(len(self.edges.ends))
+        until, cost = work.done + work.left // 2, surface_evaluations(self.edges.looked_at)
         known = self.places[::-1]
         known.sort(key=lambda place: place is not self.last)
         for place in known:

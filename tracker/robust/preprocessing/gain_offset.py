@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
 from uavbench.tracker.robust.edges.columns import NEGATIVE_COLOUR, POSITIVE_COLOUR
+from uavbench.tracker.robust.mostly_zero import mostly_zero
 from uavbench.trajectories.pose import Array
 
 APART_PX = 16
@@ -18,6 +19,8 @@ MIDDLE = 128.0
 """Grey level of the median of a stretched image: the middle of the range."""
 USABLE = 8
 """The median of ratios is used if at least one pixel in this many is neither dark nor saturated."""
+
+Indices = NDArray[np.int64]
 
 
 class GainOffset(NamedTuple):
@@ -78,10 +81,14 @@ def brightness_ratio(now: Image, then: Image) -> Array:
     return out
 
 
-def compensated(appearance: Array, change: GainOffset) -> Array:
-    """Rows of appearance with the colours of both sides after a change of gain and offset."""
-    out, channels = appearance.copy(), len(change.gain)
+def compensated(appearance: Array, seen: Indices, change: GainOffset) -> Array:
+    """Rows of appearance with the colours of both sides after a change of gain and offset; those not seen are 0.
+
+    seen (n,): rows that may have been seen. Of a large structure they are few, and the others take no memory.
+    """
+    out, rows, channels = mostly_zero(*appearance.shape), appearance[seen], len(change.gain)
     for start in (NEGATIVE_COLOUR, POSITIVE_COLOUR):
         side = slice(start, start + channels)
-        out[:, side] = out[:, side] * change.gain + change.offset
+        rows[:, side] = rows[:, side] * change.gain + change.offset
+    out[seen] = rows
     return out

@@ -72,6 +72,7 @@ class Doubts:
         """The fitter that has learned nothing, with what is left of the frame's budget."""
         self.innocent.view = self.fitter.view
         self.innocent.work, self.innocent.most_points = self.fitter.work, self.fitter.most_points
+        self.innocent.most_edges = self.fitter.most_edges
         return self.innocent
 
     def better(self, image: Image, fit: Fit, range_m: float) -> Fit | None:

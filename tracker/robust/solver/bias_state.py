@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.mostly_zero import mostly_zero
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
@@ -70,7 +71,7 @@ class BiasState(NamedTuple):
     def unknown(cls, kinds: EdgeKinds, numbers: int = 0) -> "BiasState":
         """Unit information on D, none on so many numbers, nor on offsets of edges of these kinds."""
         edges, common = len(kinds.kinds), 6 + numbers
-        offsets = np.zeros((edges, common)), np.zeros(edges), np.zeros(edges), np.ones(edges)
+        offsets = mostly_zero(edges, common), mostly_zero(edges), mostly_zero(edges), np.ones(edges)
         information = np.diag(np.repeat([1.0, 0.0], [6, numbers]))
         return cls(information, np.zeros(common), *offsets, kinds.kinds, kinds.signs, np.ones(kinds.number))
 

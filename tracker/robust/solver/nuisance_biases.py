@@ -90,8 +90,8 @@ class NuisanceBiases:
     """State of the filter: information on the patches' pose error and on the offsets of all edges."""
 
     def __init__(self, kinds: EdgeKinds, config: BiasConfig, numbers: int, sides: int) -> None:
-        self.config, self.nothing = config, BiasState.unknown(kinds, numbers + sides)
-        self.state = BiasState.unknown(kinds, numbers)
+        self.config, self.kinds, self.numbers = config, kinds, numbers
+        self.nothing, self.state = BiasState.unknown(kinds, numbers + sides), BiasState.unknown(kinds, numbers)
         self.known, self.known_of_nothing = known_of(self.state).known, known_of(self.nothing).known
         self.is_forgotten = False
 
@@ -116,9 +116,8 @@ class NuisanceBiases:
         step: from the linearization point of the sums to that pose, and to the numbers by which it is that pose.
         """
         R, t = pose.rotation, pose.translation
-        state = self.state
-        for array in (state.cross, state.offset_information, state.offset_vector, state.information, state.vector):
-            array[:] = 0.0
+        self.state = state = BiasState.unknown(self.kinds, self.numbers)
+        state.information[:] = 0.0
         accumulate(state, edges, sums, step.to_fit, R, t, 1.0)
         state.information[:6, :6] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
         spared = explained_by_offsets(state)
@@ -129,9 +128,7 @@ class NuisanceBiases:
         """Forget all frames; at once where that was done, as without patches in every frame."""
         if self.is_forgotten:
             return
-        for array in (self.state.cross, self.state.offset_information, self.state.offset_vector, self.state.vector):
-            array[:] = 0.0
-        self.state.information[:] = np.diag(np.repeat([1.0, 0.0], [6, len(self.state.vector) - 6]))
+        self.state = BiasState.unknown(self.kinds, self.numbers)
         self.known, self.is_forgotten = known_of(self.state).known, True
 
     def learn(self, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, pose: Pose, dt_s: float) -> Array:

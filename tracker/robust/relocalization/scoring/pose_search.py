@@ -67,7 +67,7 @@ ANY_WORK = 2**62
 class Detail(NamedTuple):
     """How closely poses are looked at: width of the image, px, and the number of points by which each is scored.
 
-    sampling: evaluations of finding the visible edge points of a structure of so many edges.
+    sampling: evaluations of finding the visible edge points among so many edges near the view.
     """
 
     width_px: int
@@ -156,7 +156,7 @@ class PoseSearch:
     ) -> None:
         self.config, self.edges, self.sigma_cost = config.relocalization.search, edges, config.relocalization.sigma_cost
         self.clear_score = float(config.relocalization.lead)
-        self.points, self.sampling = detail.points, detail.sampling(len(edges.ends))
+        self.points, self.cost_of_edges = detail.points, detail.sampling
         self.least_gradient = EDGE_SIGMAS * config.preprocessing.max_noise_grey
         self.scale = max(1.0, camera.width / detail.width_px)
         self.step_part = self.config.step_part * SMALL_WIDTH / detail.width_px
@@ -169,6 +169,11 @@ class PoseSearch:
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
         self.masked = self._masked(camera)
         self.view = _wide_view(self.camera)
+
+    @property
+    def sampling(self) -> int:
+        """Evaluations of finding the visible edge points of a pose, as far from the structure as the last one."""
+        return self.cost_of_edges(self.edges.looked_at)
 
     @property
     def turn_rad(self) -> float:

@@ -1,7 +1,6 @@
 """What an image shows of a structure's surface at a pose."""
 
 import math
-from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -30,6 +29,8 @@ BLURS_PX = 2.5, 1.0
 EDGE_PX = 2
 """Distance from edges, px of the small image, at which a surface shows what it is like itself: two standard deviations
 of the lesser blur."""
+MANY = 10_000
+"""Ends of edges of which it takes longer to project all, 0.1 ms, than it is worth."""
 MOST_EDGE_POINTS = 4000
 """Points of edges that are kept away from: limits their memory, where an image has 19,200 px."""
 LEAST_WEIGHT = 1e-6
@@ -58,11 +59,10 @@ class SurfaceReader:
 
     def __init__(self, edges: EdgeMap, searcher: PoseSearch) -> None:
         self.edges, self.searcher = edges, searcher
-
-    @cached_property
-    def copied(self) -> NDArray[np.bool_]:
+        self.copied = is_copied(edges)
         """Whether each face (f,) of the structure is made as another one."""
-        return is_copied(self.edges)
+        self.outermost = outermost(edges.ends.reshape(-1, 3))
+        """Ends (k, 3) of edges, between which all others are."""
 
     def shown(self, image: Image) -> Shown:
         """An image (h, w) or (h, w, c) as surfaces are compared with it."""
@@ -117,13 +117,25 @@ class SurfaceReader:
     def pixels(self, pose: RigidMotion, count: int) -> Indices:
         """About so many pixels (n, 2) in a grid over the part of the small image in which the structure is."""
         low, high = np.zeros(2), np.array(self.searcher.size) - 1.0
-        ends = self.edges.ends.reshape(-1, 3) @ pose.R.T + pose.t
+        ends = self.outermost @ pose.R.T + pose.t
         if (ends[:, 2] > self.searcher.camera.near).all():
             seen = ends[:, :2] / ends[:, 2:] * self.searcher.f[:2] + self.searcher.f[2:]
             low, high = np.maximum(low, seen.min(axis=0)), np.minimum(high, seen.max(axis=0))
         step = max(2.0, math.sqrt(float(np.prod(np.maximum(high - low, 1.0))) / count))
         across, down = (np.arange(low[k] + step / 2, high[k], step) for k in range(2))
         return np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2).astype(np.int64)
+
+
+def outermost(points: Array) -> Array:
+    """Those of points (n, 3), if they are many, that are corners of their convex hull; all of a flat structure."""
+    if len(points) < MANY:
+        return points
+    from scipy.spatial import ConvexHull, QhullError  # lazy: few structures are so large
+
+    try:
+        return np.asarray(points[np.sort(ConvexHull(points).vertices)])
+    except QhullError:
+        return points
 
 
 def some_of(surface: Surface, rows: NDArray[np.bool_] | slice) -> Surface:
