@@ -8,21 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
-from uavbench.tracker.robust.edges.beside.contact_kernels import (
-    BESIDE_EDGE,
-    BEYOND,
-    OPPOSITE,
-    PARTS,
-    SAME_WAY,
-    WITHIN,
-    faces_beside,
-)
+from uavbench.tracker.robust.edges.beside.contact_kernels import BESIDE_EDGE, faces_beside
 from uavbench.tracker.robust.edges.beside.inward_kernels import into_faces
-from uavbench.tracker.robust.edges.columns import BOTH_FACES
+from uavbench.tracker.robust.edges.beside.shown import Beside, shown_faces
 from uavbench.tracker.robust.edges.groups import GROUPS, Groups
 from uavbench.tracker.robust.edges.hidden_line_kernels import NONE, TRIANGLES, Triangles
-from uavbench.trajectories.geometry.bvh import Tree, build_tree
-from uavbench.trajectories.geometry.rays import are_inside
+from uavbench.tracker.robust.row_numbers import row_numbers
+from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
 
@@ -36,7 +28,7 @@ class EdgeMap(NamedTuple):
     none; planes (f, 4) with outward normal n and offset d, n . p = d on the face; triangles for hidden-line removal;
     extent (8, 3) the corners of the bounding box; smooth (e,) whether both faces belong to one rounded surface, so that
     the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
-    surface; shown (e, 3, PARTS) the faces that show beside each part, see `_shown`; in_front (e,) the triangle
+    surface; shown (e, 3, PARTS) the faces that show beside each part, see `shown_faces`; in_front (e,) the triangle
     that last occluded a point of the edge, which is tried first: it saves time and changes nothing else; groups of
     edges, by which those out of view are passed over; in_last_view (1,) how many were not.
     """
@@ -78,7 +70,7 @@ class EdgeMap(NamedTuple):
             np.array(list(product(*structure.bounds.T))),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
-            _shown(structure, inward, beside, BESIDE_EDGE * size, tree),
+            shown_faces(Beside(structure, inward, beside, BESIDE_EDGE * size), tree),
             np.full(len(structure.edges), NONE),
             Groups.of(ends),
             np.array([len(ends)]),
@@ -105,9 +97,10 @@ def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:
     every = Structure.from_mesh(structure.vertices, structure.triangles, COPLANAR_ANGLE_DEG)
     if not np.array_equal(every.triangle_face, structure.triangle_face):
         return structure
-    known = {(a, b) for a, b in np.sort(structure.edge_faces, axis=1).tolist()}
-    faces = np.sort(every.edge_faces, axis=1)
-    new = _smooth(every, rounded_deg) & np.array([(a, b) not in known for a, b in faces.tolist()], dtype=np.bool_)
+    pairs = np.concatenate([structure.edge_faces, every.edge_faces])
+    numbers = row_numbers(np.sort(pairs, axis=1))
+    known, faces = np.split(numbers, [len(structure.edges)])
+    new = _smooth(every, rounded_deg) & ~np.isin(faces, known)
     if not new.any():
         return structure
     edges = np.concatenate([structure.edges, every.edges[new]])
@@ -125,30 +118,3 @@ def _rounded(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:
     """Mask (e,) of the edges adjacent to a face of a rounded surface."""
     faces = np.unique(structure.edge_faces[_smooth(structure, rounded_deg)])
     return np.asarray(np.isin(structure.edge_faces, faces[faces >= 0]).any(axis=1))
-
-
-def _shown(
-    structure: Structure, inward: Array, beside: NDArray[np.uint8], away: float, tree: Tree
-) -> NDArray[np.uint8]:
-    """Bits of the faces that show beside each part of each edge (e, 3, PARTS), 0 where it is no edge of the surface.
-
-    The second axis is the bits of the faces that face the camera, less one. A face is covered where another part
-    begins, inside of which a place `away` from both is: the back of a sheet that is drawn from both sides covers
-    nothing.
-    """
-    covered = (beside[:, :, WITHIN] & OPPOSITE) > 0
-    covered[covered] = are_inside(tree, _places_outside(structure, inward, away, np.argwhere(covered)))
-    goes_on = (beside[:, :, BEYOND] & SAME_WAY) > 0
-    one_two = np.array([1, 2], dtype=np.uint8)[:, None]
-    facing = np.arange(1, BOTH_FACES + 1, dtype=np.uint8)[:, None]
-    seen = facing & ~(covered * one_two).sum(axis=1, dtype=np.uint8)[:, None]
-    joint = (seen != BOTH_FACES) & ((seen & (goes_on * one_two).sum(axis=1, dtype=np.uint8)[:, None]) > 0)
-    return np.where(joint, np.uint8(0), seen)
-
-
-def _places_outside(structure: Structure, inward: Array, away: float, parts: Indices) -> Array:
-    """Places (n, 3) beside parts (n, 3) of edges: edge, face and part; `away` from it and outside of that face."""
-    edge, side, part = parts.T
-    start, end = structure.edge_segments[edge, 0], structure.edge_segments[edge, 1]
-    beside = inward[edge, side] + structure.face_normals[structure.edge_faces[edge, side]]
-    return np.asarray(start + ((part + 0.5) / PARTS)[:, None] * (end - start) + away * beside)

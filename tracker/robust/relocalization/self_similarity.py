@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.relocalization.self_similarity_kernels import on_edges, shares_on_edges, table_of_edges
+from uavbench.tracker.robust.row_numbers import row_numbers
 from uavbench.trajectories.pose import Array
 
 MOST_ALIKE = 400
@@ -126,13 +127,6 @@ def turns_about(middle: Array) -> list[RigidMotion]:
         R = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         found.append(RigidMotion(R, middle - R @ middle))
     return found
-
-
-def row_numbers(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number (n,) for each row (n, k), in lexicographic order."""
-    rows = rows - rows.min(axis=0, initial=0)
-    sizes = [int(most) + 1 for most in rows.max(axis=0, initial=0)]
-    return np.asarray(np.ravel_multi_index(tuple(rows.T), sizes))
 
 
 def direction_numbers(along: Array) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.robust.edges.columns import BOTH_FACES
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.row_numbers import row_numbers
 from uavbench.trajectories.pose import Array
 
 LENGTH_STEP = 0.01
@@ -39,8 +40,7 @@ class EdgeKinds(NamedTuple):
         swapped = _less(sides[:, 1], sides[:, 0])
         sides[swapped] = sides[swapped][:, ::-1]
         looks = np.column_stack([np.where(signs[:, None] < 0, back, forward), sides.reshape(len(lengths), 12)])
-        _, look = np.unique(looks, axis=0, return_inverse=True)
-        kind = _split(look.ravel(), np.log(lengths[:, 0]), LENGTH_STEP)
+        kind = _split(row_numbers(looks), np.log(lengths[:, 0]), LENGTH_STEP)
         faces = np.tile(np.arange(1, BOTH_FACES + 1), (len(lengths), 1))
         faces[swapped] = faces[swapped][:, [1, 0, 2]]
         kind = (kind[:, None] * BOTH_FACES + faces - 1).ravel()

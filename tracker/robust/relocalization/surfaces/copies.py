@@ -8,8 +8,8 @@ from uavbench.tracker.robust.relocalization.self_similarity import (
     DIRECTION_STEP,
     LENGTH_STEP,
     direction_numbers,
-    row_numbers,
 )
+from uavbench.tracker.robust.row_numbers import row_numbers
 
 SHORTEST = 1e-9
 """Length of an edge that is none, in the unit of the structure."""
