@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.solver.bias_kernels import linearize, observability
+from uavbench.tracker.robust.solver.bias_kernels import linearize
 from uavbench.tracker.robust.solver.bias_state import FrameSums
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
-from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
+from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases, observability
 from uavbench.tracker.robust.solver.solve_kernels import Step
 from uavbench.tracker.robust.solver.twist_kernels import adjoint
 from uavbench.trajectories.pose import Pose

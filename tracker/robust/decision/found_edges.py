@@ -27,21 +27,21 @@ are missing in the frames after a pose slid. With 0.15 in place of 0.2 four more
 
 
 class Counts(NamedTuple):
-    """Numbers (e,) of the control points of a fit on each edge of a structure, and of those that it found."""
+    """Number of the control points of a fit on an edge, and of those that it found; until: the point after the last."""
 
-    points: Array
-    found: Array
+    points: float
+    found: float
+    until: int
 
 
-@compiled("i2! f1! i0", inner=True)
-def counts(keys: Indices, weight: Array, edges: int) -> Counts:
-    """What a fit with control points of keys (n, 3), those with weight (n,) found, shows of a structure's edges."""
-    points, found = np.zeros(edges), np.zeros(edges)
-    for p in range(len(weight)):
-        points[keys[p, EDGE]] += 1.0
-        if weight[p] > 0.0:
-            found[keys[p, EDGE]] += 1.0
-    return Counts(points, found)
+@compiled("i2! f1! i0", inner=True, allocates=False)
+def counts(keys: Indices, weight: Array, first: int) -> Counts:
+    """What a fit shows of the edge of its control point `first`, with keys (n, 3) by edges; found with weight (n,)."""
+    found, until = 0.0, first
+    while until < len(keys) and keys[until, EDGE] == keys[first, EDGE]:
+        found += 1.0 if weight[until] > 0.0 else 0.0
+        until += 1
+    return Counts(float(until - first), found, until)
 
 
 @compiled("f0 f0", inner=True, allocates=False)
@@ -63,25 +63,27 @@ def missing_share(keys: Indices, weight: Array, part: Array) -> float:
 
     What chance leaves out of edges that were found in part is neither expected nor missing.
     """
-    points, found = counts(keys, weight, len(part))
-    expected, sure, left = 0.0, 0.0, 0.0
-    for e in range(len(part)):
-        if points[e] > 0.0 and np.isfinite(part[e]):
-            of_edge, by_chance = points[e] * part[e], missing_by_chance(points[e], part[e])
+    expected, sure, left, p = 0.0, 0.0, 0.0, 0
+    while p < len(keys):
+        usual = part[keys[p, EDGE]]
+        points, found, p = counts(keys, weight, p)
+        if np.isfinite(usual):
+            of_edge, by_chance = points * usual, missing_by_chance(points, usual)
             expected += of_edge
             sure += of_edge - by_chance
-            left += max(of_edge - found[e], 0.0) - by_chance
+            left += max(of_edge - found, 0.0) - by_chance
     return max(0.0, left / sure) if expected >= LEAST_EXPECTED else 0.0
 
 
 @compiled("i2! f1! f1! f0")
 def learn_parts(keys: Indices, weight: Array, part: Array, rate: float) -> None:
     """Update the part (e,) of each edge, in place, with what was found of it: a running mean."""
-    points, found = counts(keys, weight, len(part))
-    for e in range(len(part)):
-        if points[e] > 0.0:
-            now = found[e] / points[e]
-            part[e] = now if np.isnan(part[e]) else part[e] + rate * (now - part[e])
+    p = 0
+    while p < len(keys):
+        e = keys[p, EDGE]
+        points, found, p = counts(keys, weight, p)
+        now = found / points
+        part[e] = now if np.isnan(part[e]) else part[e] + rate * (now - part[e])
 
 
 class FoundEdges:

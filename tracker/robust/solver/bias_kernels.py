@@ -16,6 +16,7 @@ from uavbench.tracker.robust.solver.bias_state import (
     FRAME_SUMS,
     KIND_SUMS,
     LOCAL_BIASES,
+    TOGETHER,
     BiasesInView,
     BiasState,
     EdgeOffsets,
@@ -24,6 +25,7 @@ from uavbench.tracker.robust.solver.bias_state import (
     KindSums,
     Known,
     LocalBiases,
+    told_of,
 )
 from uavbench.tracker.robust.solver.twist_kernels import adjoint, congruence, product, transposed
 from uavbench.trajectories.kernels.compiled import compiled
@@ -105,12 +107,13 @@ def explained_by_offsets(state: BiasState) -> Marginal:
     """Information and vector on what is common to all edges that marginalizing all offsets removes, the kinds' last."""
     n, count = len(state.vector), len(state.kind_prior)
     A, v, kinds = np.zeros((n, n)), np.zeros(n), KindSums(np.zeros(count), np.zeros((count, n)), np.zeros(count))
-    for e in range(len(state.offset_information)):
-        information = state.offset_information[e]
-        if information > 0.0:
-            add_outer(A, v, state.cross[e], state.offset_vector[e], 1.0 / (information + state.offset_prior[e]))
-            if state.kinds[e] >= 0:
-                add_to_kind(state, e, state.kinds[e], 1.0, kinds)
+    for block in range(len(state.told)):
+        for e in told_of(state, block):
+            information = state.offset_information[e]
+            if information > 0.0:
+                add_outer(A, v, state.cross[e], state.offset_vector[e], 1.0 / (information + state.offset_prior[e]))
+                if state.kinds[e] >= 0:
+                    add_to_kind(state, e, state.kinds[e], 1.0, kinds)
     for k in range(count):
         if kinds.information[k] > 0.0:
             add_outer(A, v, kinds.cross[k], kinds.vector[k], 1.0 / (kinds.information[k] + state.kind_prior[k]))
@@ -281,6 +284,7 @@ def accumulate(
         state.offset_prior[e] = 1.0 / edges.variance_px2[g]
         if state.kinds[e] >= 0:
             state.kind_prior[state.kinds[e]] = 1.0 / edges.kind_px2[g]
+        state.told[e // TOGETHER] = 1
         state.offset_information[e] += part * sums.offset_weight[g]
         state.offset_vector[e] += part * left
         row = product(X, sums.offset_jacobian[g])
@@ -324,25 +328,12 @@ def centre(state: BiasState, moved: Array, R: Array, t: Array) -> PatchError:
     explained = product(state.information, common)
     for i in range(len(common)):
         state.vector[i] -= explained[i]
-    for e in range(len(state.offset_vector)):
-        if state.offset_information[e] > 0.0:  # few of a large structure's edges were seen
-            for i in range(len(common)):
-                state.offset_vector[e] -= state.cross[e, i] * common[i]
+    for block in range(len(state.told)):
+        for e in told_of(state, block):
+            if state.offset_information[e] > 0.0:
+                for i in range(len(common)):
+                    state.offset_vector[e] -= state.cross[e, i] * common[i]
     for k in range(len(state.kind_prior)):
         for i in range(len(common)):
             known.of_kinds.vector[k] -= known.of_kinds.cross[k, i] * common[i]
     return PatchError(product(adjoint(R, t), D), known)
-
-
-@compiled("f2 f2", inner=True)
-def observability(E: Array, P: Array) -> float:
-    """Observability of the pose by patches of information P (6, 6) relative to edges of information E (6, 6), 0 to 1.
-
-    The mean fraction of the information in each direction of a twist that is due to the patches.
-    """
-    M, N = np.empty((6, 6)), np.empty((6, 6))
-    for i in range(6):
-        for j in range(6):
-            M[i, j], N[i, j] = E[i, j] + P[i, j], P[i, j]
-    eliminate(M, N)
-    return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0

@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.mostly_zero import mostly_zero
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
+
+TOGETHER = 64
+"""Edges that are passed over together where none of them was seen."""
 
 Indices = NDArray[np.int64]
 
@@ -54,7 +58,8 @@ class BiasState(NamedTuple):
     information (6 + r, 6 + r) and vector (6 + r,) on what is common; cross (e, 6 + r) between it and an offset;
     offset_information (e,) and offset_vector (e,) on the offset itself, offset_prior (e,) the prior information on what
     is its own. kinds (e,) of edges that look alike, -1 of one that looks like no other, and signs (e,) of their
-    normals; kind_prior (k,) the prior information on the offset that a kind shares.
+    normals; kind_prior (k,) the prior information on the offset that a kind shares. told (b,) whether frames told of
+    any of each TOGETHER edges: of a large structure few were seen.
     """
 
     information: Array
@@ -66,6 +71,7 @@ class BiasState(NamedTuple):
     kinds: Indices
     signs: Array
     kind_prior: Array
+    told: NDArray[np.uint8]
 
     @classmethod
     def unknown(cls, kinds: EdgeKinds, numbers: int = 0) -> "BiasState":
@@ -73,7 +79,8 @@ class BiasState(NamedTuple):
         edges, common = len(kinds.kinds), 6 + numbers
         offsets = mostly_zero(edges, common), mostly_zero(edges), mostly_zero(edges), np.ones(edges)
         information = np.diag(np.repeat([1.0, 0.0], [6, numbers]))
-        return cls(information, np.zeros(common), *offsets, kinds.kinds, kinds.signs, np.ones(kinds.number))
+        told = np.zeros(-(-edges // TOGETHER), dtype=np.uint8)
+        return cls(information, np.zeros(common), *offsets, kinds.kinds, kinds.signs, np.ones(kinds.number), told)
 
 
 class EdgeOffsets(NamedTuple):
@@ -132,7 +139,7 @@ class BiasesInView(NamedTuple):
 
 FRAME_SUMS = named_tuple(FrameSums, "f1! f2! f1! f2! f1! f2! f1!")
 KIND_SUMS = named_tuple(KindSums, "f1! f2! f1!")
-BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1! i1! f1! f1!")
+BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1! i1! f1! f1! u1!")
 EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1! f1!")
 EXPECTED_OFFSETS = named_tuple(ExpectedOffsets, "f1! f1!")
 LOCAL_BIASES = named_tuple(
@@ -140,3 +147,10 @@ LOCAL_BIASES = named_tuple(
 )
 KNOWN = named_tuple(Known, "f2! kinds", kinds=KIND_SUMS)
 BIASES_IN_VIEW = named_tuple(BiasesInView, "state known edges", state=BIAS_STATE, known=KNOWN, edges=EDGE_OFFSETS)
+
+
+@compiled("state i0", inner=True, allocates=False, state=BIAS_STATE)
+def told_of(state: BiasState, block: int) -> range:
+    """The edges of a block of TOGETHER of which frames told; none if they told of none of them."""
+    first = block * TOGETHER
+    return range(first, min(first + TOGETHER, len(state.offset_information)) if state.told[block] else first)

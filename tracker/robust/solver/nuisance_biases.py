@@ -9,7 +9,7 @@ which different viewpoints separate. Edges that look alike are offset alike, and
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.geometry_kernels import RigidMotion, eliminate
 from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import (
     PatchError,
@@ -17,7 +17,6 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     centre,
     explained_by_offsets,
     known_of,
-    observability,
     prior_offsets,
 )
 from uavbench.tracker.robust.solver.bias_state import (
@@ -28,6 +27,7 @@ from uavbench.tracker.robust.solver.bias_state import (
     BiasState,
     EdgeOffsets,
     FrameSums,
+    told_of,
 )
 from uavbench.tracker.robust.solver.edge_kinds import EdgeKinds
 from uavbench.tracker.robust.solver.solve_kernels import Step
@@ -48,12 +48,26 @@ def fade(state: BiasState, part: float) -> None:
         state.vector[i] *= kept
         for j in range(common):
             state.information[i, j] *= kept
-    for e in range(len(state.offset_information)):
-        if state.offset_information[e] > 0.0:  # few of a large structure's edges were seen
+    for block in range(len(state.told)):
+        for e in told_of(state, block):
             state.offset_information[e] *= kept
             state.offset_vector[e] *= kept
             for i in range(common):
                 state.cross[e, i] *= kept
+
+
+@compiled("f2 f2", inner=True)
+def observability(E: Array, P: Array) -> float:
+    """Observability of the pose by patches of information P (6, 6) relative to edges of information E (6, 6), 0 to 1.
+
+    The mean fraction of the information in each direction of a twist that is due to the patches.
+    """
+    M, N = np.empty((6, 6)), np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            M[i, j], N[i, j] = E[i, j] + P[i, j], P[i, j]
+    eliminate(M, N)
+    return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
 
 
 @compiled(
