@@ -100,7 +100,7 @@ class SelfSimilarity:
         """Shifts (k, 3) and their opposites, by descending length of edges that they map onto others."""
         alike = np.column_stack([np.round(np.log(lengths) / LENGTH_STEP), direction_numbers(along)]).astype(np.int64)
         _, group, members = np.unique(row_numbers(alike), return_inverse=True, return_counts=True)
-        by_group = np.split(np.argsort(group, kind="stable"), np.cumsum(members)[:-1])
+        by_group = np.split(np.argsort(group, kind="stable"), np.cumsum(members))[:-1]
         apart, weight = [np.zeros((0, 3))], [np.zeros(0)]
         for these in (each[:MOST_ALIKE] for each, number in zip(by_group, members, strict=True) if number > 1):
             one, other = np.triu_indices(len(these), 1)
