@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, box, box_corners, look_at
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edges.columns import FACES
+from uavbench.tracker.robust.edges.beside.contact_kernels import PARTS
+from uavbench.tracker.robust.edges.columns import BOTH_FACES, FACES
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.view import View
@@ -98,3 +99,18 @@ def test_sheets_that_are_drawn_from_both_sides_keep_their_edges():
     shown = EdgeMap.of(apart, RobustConfig().edges.sampling.rounded_deg).shown
     assert (shown[:, 2] > 0).all()
     assert len(sampled(apart, eye).points) >= len(sampled(one_sided, eye).points)
+
+
+def test_an_edge_that_lies_on_blocks_and_on_a_sheet_between_them_is_covered_by_the_blocks():
+    bar, blocks = ((-1.0, -0.1, 0.5), (1.0, 0.1, 0.6)), [((x, -0.4, 0.0), (x + 0.9, 0.4, 0.5)) for x in (-1.2, 0.3)]
+    solid = boxes(bar, *blocks)
+    sheet = np.array([[-0.3, -0.4, 0.5], [0.3, -0.4, 0.5], [0.3, 0.4, 0.5], [-0.3, 0.4, 0.5]])
+    both_sides = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]) + len(solid.vertices)
+    corners, triangles = np.concatenate([solid.vertices, sheet]), np.concatenate([solid.triangles, both_sides])
+    edges = EdgeMap.of(Structure.from_mesh(corners, triangles), RobustConfig().edges.sampling.rounded_deg)
+    ends, along = edges.ends, np.abs(np.diff(edges.ends, axis=1)[:, 0])
+    beneath = (along[:, 0] > 1.9) & (np.abs(ends[..., 2] - 0.5) < NEAR_M).all(axis=1)
+    parts = (np.arange(PARTS) + 0.5) / PARTS
+    x = ends[beneath, 0, :1] + parts * np.diff(ends[beneath, :, 0], axis=1)
+    assert beneath.sum() == 2
+    np.testing.assert_array_equal(edges.shown[beneath, BOTH_FACES - 1] == BOTH_FACES, np.abs(x) < 0.3)
