@@ -94,9 +94,9 @@ class RobustRun:
             return undecided(decision, frame, clock)
         with clock.stage("learn"):
             self.learn(frame, decision.fit, stamp_ns)
+            self.decider.remember(frame, decision)
             if not decision.is_open:
                 self.state.told = Told(self.state.motion, self.state.range_m, stamp_ns * 1e-9)
-                self.decider.places.add(frame.image, decision.fit.cam_from_world, decision.fit.range_m)
         return undecided(decision, frame, clock) if decision.is_open else self.tracked(decision.fit, image, clock)
 
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:

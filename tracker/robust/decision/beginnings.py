@@ -9,6 +9,7 @@ from uavbench.tracker.robust.fit.learning import Memory
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.frames import Frame, Photometry
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, isotropic_covariance
+from uavbench.tracker.robust.places.places import Places
 from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.look_alikes import Verdict
 from uavbench.tracker.robust.relocalization.ranking import ends_at
@@ -40,11 +41,15 @@ class Untold(NamedTuple):
 
 
 class Beginnings:
-    """Begins again, and returns to what was known before if the pose is given up."""
+    """Begins again, and returns to what was known before if the pose is given up.
 
-    def __init__(self, doubts: Doubts, found_edges: FoundEdges, state: TrackState) -> None:
+    places: where the doubted pose was tracked; they tell where to look again once it is given up.
+    """
+
+    def __init__(self, doubts: Doubts, found_edges: FoundEdges, state: TrackState, places: Places) -> None:
         self.doubts, self.relocator, self.fitter = doubts, doubts.relocator, doubts.fitter
         self.found_edges, self.state, self.config = found_edges, state, doubts.fitter.config
+        self.places = places
         self.initial, self.initial_range_m, self.gave_up = state.motion, state.range_m, False
         self.before: Before | None = None
         self.untold: Untold | None = None
@@ -68,6 +73,7 @@ class Beginnings:
         """
         as_given = self.is_as_given(fit) and not is_by_chance(fit, 1)
         self.untold = Untold(fit.cam_from_world, self.given()) if as_given else self.not_told(fit)
+        self.places.forget()
         if not as_given:
             self.doubts.begin(fit)
 
@@ -82,6 +88,7 @@ class Beginnings:
         told: whether it was told from those at which the structure looks alike.
         """
         self.before, self.untold = self.known_before(frame), None if told else self.not_told(fit)
+        self.places.forget()
         self.doubts.begin(fit)
 
     def not_told(self, fit: Fit) -> Untold:
@@ -133,6 +140,7 @@ class Beginnings:
     def begun_at(self, fit: Fit, clock: StageClock) -> Fit:
         """The fit, its edges located, at which the run begins again with an empty memory."""
         self.fitter.forget()
+        self.places.forget()
         self.found_edges.forget()
         start = self.freed(fit)
         self.state.begin_again(Motion(start.cam_from_world, start.covariance), start.range_m)

@@ -63,7 +63,7 @@ class Decider:
         self.kept_initial = self.led = False
         self.found_edges = FoundEdges(len(fitter.edges.ends), config.edges.appearance.learning_rate)
         self.until_search, self.searched_suspect, self.recalled = 0, False, Recalled()
-        self.beginnings = Beginnings(self.doubts, self.found_edges, state)
+        self.beginnings = Beginnings(self.doubts, self.found_edges, state, self.places.empty())
 
     def decide(self, frame: Frame, tracked: Fit, clock: StageClock) -> Decision:
         """The best fit of a frame; settled if it also has the required support."""
@@ -236,9 +236,19 @@ class Decider:
     def recall(self, frame: Frame, fit: Fit) -> Recalled:
         """Likely poses of a frame that nothing explains yet, by what the run saw; none where others need the budget."""
         spent = frame.follows_hypotheses or self.relocator.needs_budget
-        if self.state.is_first or fit.support >= self.config.loss.min_support or spent:
+        places = self.places if self.places.last else self.beginnings.places
+        if not places.last or fit.support >= self.config.loss.min_support or spent:
             return Recalled()
-        return self.places.recalled(frame.image, self.fitter.work, self.fitter.cost(1))
+        return places.recalled(frame.image, self.fitter.work, self.fitter.cost(1))
+
+    def remember(self, frame: Frame, decision: Decision) -> None:
+        """Remember the place of a pose that was told; that of a doubted one apart, until it is told."""
+        told, fit = not decision.is_open, decision.fit
+        if told or self.beginnings.in_doubt:
+            places = self.places if told else self.beginnings.places
+            places.add(frame.image, fit.cam_from_world, fit.range_m)
+        if told:
+            self.beginnings.places.forget()
 
     def is_slow(self, frame: Frame) -> bool:
         """Whether motion was extrapolated for so long that the fit may be to a neighbouring edge."""

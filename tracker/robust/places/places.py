@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -73,6 +74,12 @@ class Places:
         self.edges, self.camera, self.step = edges, camera, step
         self.samples = rng.random((HYPOTHESES, SAMPLE))
         self.forget()
+
+    def empty(self) -> "Places":
+        """Others of the same structure and camera, none yet."""
+        others = copy(self)
+        others.forget()
+        return others
 
     def forget(self) -> None:
         """Forget all places."""
