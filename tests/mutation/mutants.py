@@ -73,20 +73,22 @@ def mutants(root: Path, file: str) -> list[Mutant]:
     for line in text.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
     found = {}
-    tree = ast.parse(source)
+    tree, rows = ast.parse(source), source.splitlines()
     unsigned = {id(child) for node in ast.walk(tree) for child in _without_sign(node)}
-    for node, other, swapped in _changes(tree):
-        if swapped and isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub) and id(node) in unsigned:
-            continue
-        first, last = starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
-        changed = (text[:first] + other.encode() + text[last:]).decode()
-        ast.parse(changed)
-        end = len(starts) - 1 - node.end_lineno
-        lines = changed.splitlines()
-        before = " ".join(part.strip() for part in source.splitlines()[node.lineno - 1 : node.end_lineno])
-        after = " ".join(part.strip() for part in lines[node.lineno - 1 : len(lines) - end])
-        mutant = Mutant(file, node.lineno, before, after, changed)
-        found.setdefault(changed, mutant)
+    for outer in tree.body:
+        for node, other, swapped in _changes(ast.Module([outer], [])):
+            if swapped and isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub) and id(node) in unsigned:
+                continue
+            first, last = starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+            begin, end = starts[node.lineno - 1], starts[node.end_lineno]
+            changed = (text[:first] + other.encode() + text[last:]).decode()
+            before = " ".join(part.strip() for part in rows[node.lineno - 1 : node.end_lineno])
+            after = " ".join(
+                part.strip() for part in (text[begin:first] + other.encode() + text[last:end]).decode().splitlines()
+            )
+            if changed not in found:
+                ast.parse(text[starts[outer.lineno - 1] : first] + other.encode() + text[last : starts[outer.end_lineno]])
+                found[changed] = Mutant(file, node.lineno, before, after, changed)
     return sorted(found.values(), key=lambda m: (m.line, m.after))
 
 
