@@ -1,5 +1,6 @@
-"""A packed challenge that the tests of packages and of submissions share."""
+"""A packed challenge that the tests of packages and of submissions share, and what spares processes and figures."""
 
+import base64
 from contextlib import nullcontext
 
 import pytest
@@ -41,6 +42,29 @@ def in_one_process(*arguments):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
         return CliRunner().invoke(main, list(map(str, arguments)))
+
+
+SKETCHES = {
+    "pdf": b"%PDF-1.4\n%%EOF\n",
+    "png": base64.b64decode(
+        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2FAAAAABJRU5ErkJggg=="
+    ),
+}
+"""What stands in a file of a figure that is sketched: a PDF without a page, and one pixel."""
+
+
+@pytest.fixture
+def sketched(monkeypatch):
+    """Figures are drawn and their numbers written, but not laid out, nor is their picture made, which takes most of the
+    time of a report: for tests of when a report is written, and by whom, that look at no figure.
+    """
+    sketch(monkeypatch)
+
+
+def sketch(patched):
+    """See `sketched`; for fixtures of a module, which have a MonkeyPatch of their own."""
+    patched.setattr("uavbench.reports.style.lay_out", lambda figure: None)
+    patched.setattr("matplotlib.figure.Figure.savefig", lambda _, to, *, format, **how: to.write(SKETCHES[format]))
 
 
 def packed(suite, out, *more):

@@ -358,6 +358,7 @@ def test_a_damaged_note_of_verdicts_elsewhere_is_refused_until_it_is_removed(tmp
     assert call("gate", out, "--baseline", out, "--out", ci / "second").exit_code == 3
 
 
+@pytest.mark.usefixtures("sketched")
 def test_pages_of_a_report_are_marked_when_its_scores_are_made_anew(tmp_path):
     suite, out = small_suite(tmp_path), tmp_path / "out"
     text = suite.read_text()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tests.bench.conftest import in_one_process
+from tests.bench.conftest import in_one_process, sketch
 from tests.bench.drawn_scores import drawn, make_score, write
 from tests.bench.small_suites import SMALL
 from uavbench.bench.cli.main import main
@@ -34,7 +34,9 @@ def still(tmp_path_factory):
     """Folder of a suite in which nothing depends on the seed."""
     folder = tmp_path_factory.mktemp("still")
     (folder / "still.toml").write_text(STILL + 'lsd = { kind = "lsd-single" }\n')
-    assert in_one_process("run", folder / "still.toml", "--out", folder / "out").exit_code == 0
+    with pytest.MonkeyPatch.context() as patched:
+        sketch(patched)
+        assert in_one_process("run", folder / "still.toml", "--out", folder / "out").exit_code == 0
     return folder / "out"
 
 
@@ -78,6 +80,7 @@ def test_the_gate_counts_them_once_and_says_so(still, tmp_path):
     assert to_text(findings).count(SAME) == 2, "once per tracker"
 
 
+@pytest.mark.usefixtures("sketched")
 def test_seeds_of_a_noisy_camera_are_replicates(tmp_path):
     path = tmp_path / "noisy.toml"
     path.write_text(STILL.replace("camera =", 'effects = [{ kind = "noise" }]\ncamera ='))

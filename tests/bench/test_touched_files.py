@@ -58,8 +58,8 @@ def _no_files_of_other_tests(monkeypatch):
 
 
 @pytest.fixture
-def in_process(monkeypatch):
-    """The jobs of commands run in the process of the tests."""
+def in_process(monkeypatch, sketched):
+    """The jobs of commands run in the process of the tests, and figures are sketched."""
     monkeypatch.setattr("uavbench.bench.runner.commands.local_pool", in_this_process)
     monkeypatch.setattr("uavbench.bench.sensitivity.study.local_pool", in_this_process)
 
