@@ -103,6 +103,7 @@ def test_a_tracker_that_is_better_is_found_and_equal_ones_are_not_told_apart(run
     assert len(re.findall(r"^[ABC] +\d ", text, re.MULTILINE)) == 3 + 3 * RUNS
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_tracker_that_covers_little_does_not_win(made, tmp_path, monkeypatch):
     """It is the more accurate one as long as it tracks, which is half of the way."""
     shutil.copytree(made, tmp_path / "own")
@@ -184,6 +185,7 @@ def test_what_others_wrote_is_left_alone(run, tmp_path):
     assert [p.name for p in (tmp_path / "out").rglob("*")] == ["index.html"]
 
 
+@pytest.mark.usefixtures("sketched")
 def test_straight_lines_are_named_in_text_json_and_page(made, tmp_path, monkeypatch):
     line = np.outer(T, [1.0, 0.5, 0.0])
     write_tum(trajectory(line), tmp_path / "gt.tum")

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.bench.conftest import sketched  # noqa: F401, a fixture
 from tests.bench.drawn_scores import drawn, write
 from tests.bench.small_suites import FLOWN, small_suite
 from uavbench.bench.challenge.organizer import Challenge, Hidden

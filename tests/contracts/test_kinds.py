@@ -38,6 +38,7 @@ def copied(product, to):
     return shutil.copytree(product, to, symlinks=True) if product.is_dir() else Path(shutil.copy(product, to))
 
 
+@pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_product_of_another_kind_stays(inputs, products, tmp_path, monkeypatch, command):
     """Every command is told to write over each product of every other kind."""
@@ -54,6 +55,7 @@ def test_a_product_of_another_kind_stays(inputs, products, tmp_path, monkeypatch
                 assert result.exit_code, f"{arguments} did not refuse"
 
 
+@pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_files_of_another_kind_in_a_folder_stay(inputs, tmp_path, monkeypatch, command):
     """Every command is told to write to a folder whose files have its names and the seals of another kind."""

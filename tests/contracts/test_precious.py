@@ -65,6 +65,7 @@ def test_every_command_is_known_here():
     assert set(leaves(main)) == known
 
 
+@pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("what", ["folder", "file", "link", "dangling link", "pipe"])
 def test_what_is_precious_is_there_afterwards(inputs, tmp_path, monkeypatch, command, what):
