@@ -10,6 +10,8 @@ from uavbench.tracker.robust.edges.measurements import SearchLines
 from uavbench.tracker.robust.optics.response import srgb_light
 
 SIZE, FINE = 61, 8
+WHOLE = 6.0
+"""Where erf is 1 to the last digit."""
 SRGB = srgb_light(np.arange(256) / 255)
 DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])
 CODES = np.concatenate([encode(DARK[None, None])[0, 0], encode(BRIGHT[None, None])[0, 0]]).astype(float)
@@ -21,11 +23,14 @@ def edge(blur_px, angle_deg, distance=0.0, noise=0.0, rng=None, moved_px=(0.0, 0
     moved_px: by how much each channel is displaced along the normal. bright: light of its bright side, 1 for white.
     """
     nu, nv = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
-    at = (np.arange(SIZE * FINE) + 0.5) / FINE - 0.5
-    across = (at[None, :] - SIZE // 2) * nu + (at[:, None] - SIZE // 2) * nv
+    at = np.arange(SIZE) - SIZE // 2
+    across = at[None, :] * nu + at[:, None] * nv
     lens = math.sqrt(max(blur_px**2 - 1 / 12, 1e-9))
-    share = 0.5 * (1 + erf((across[..., None] - moved_px) / (math.sqrt(2) * lens)))
-    share = share.reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))
+    share = np.broadcast_to((across > 0)[..., None], (SIZE, SIZE, 3)).astype(float)
+    mixed = np.abs(across) < WHOLE * math.sqrt(2) * lens + np.abs(moved_px).max() + 1  # pixels that see both sides
+    within = (np.arange(FINE) + 0.5) / FINE - 0.5
+    parts = across[mixed, None] + (within[None, :] * nu + within[:, None] * nv).reshape(1, -1)
+    share[mixed] = (0.5 * (1 + erf((parts[..., None] - moved_px) / (math.sqrt(2) * lens)))).mean(axis=1)
     codes = encode(np.minimum(1, DARK * (1 - share) + bright * share)).astype(float)
     codes += rng.normal(0, noise, codes.shape) if rng is not None else 0.0
     along = np.arange(-18, 19, 6)
