@@ -96,7 +96,7 @@ def _plain(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
     image = noise.paint((196, 160, 116), shade)
     warm = noise.fractal((h, w), 300, rng, octaves=2)
     image += warm[..., None] * np.array([1.0, 0.0, -2.0], dtype=np.float32)
-    yy, xx = np.mgrid[:h, :w]
+    yy, xx = np.ogrid[:h, :w]
     border = np.minimum(np.minimum(xx, w - 1 - xx), np.minimum(yy, h - 1 - yy)).astype(np.float32) / PX_PER_M
     worn = np.clip(1 - border / (0.0022 + 0.0012 * np.clip(noise.tiling((h, w), 30, rng), -1, 2)), 0, 1)
     image = noise.blend(image, (216, 184, 142), 0.65 * worn)
@@ -202,12 +202,13 @@ def _label(image: Image, x: int, y: int, width: int, rng: np.random.Generator) -
 def _tape(image: Image, low: int, high: int, start: int, stop: int, rng: np.random.Generator) -> Image:
     """Brown tape over rows low..high and columns start..stop, wrinkled, with torn ends."""
     h, w = image.shape[:2]
-    yy, xx = np.mgrid[:h, :w].astype(np.float32)
+    yy, xx = (each.astype(np.float32) for each in np.ogrid[:h, :w])
     tear = 3 * np.sign(np.sin(yy * 0.9)) + 2 * noise.tiling((h, w), 12, rng)
     mask = (yy > low) & (yy < high) & (xx > start + tear) & (xx < stop - tear)
     gloss = 1 + 0.05 * noise.tiling((h, w), (6, 160), rng) + 0.03 * noise.tiling((h, w), (40, 8), rng)
-    border = np.minimum(np.abs(yy - low), np.abs(yy - high)) < 1.6
-    layer = noise.paint(TAPE, gloss) * np.where(border, 0.86, 1.0)[..., None]
+    border = np.minimum(np.abs(yy - low), np.abs(yy - high))[:, 0] < 1.6
+    layer = noise.paint(TAPE, gloss)
+    layer[border] = layer[border] * np.float64(0.86)
     return noise.blend(image, layer, noise.blurred(mask.astype(np.float32), 0.6) * 0.82)
 
 
