@@ -1,5 +1,7 @@
 """Edges of images whose codes are blurred: how far they are displaced, and what results say of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
@@ -86,9 +88,10 @@ def test_edges_without_a_located_point_are_not_displaced():
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
-    """A plain box before one colour."""
+    """A plain box before one colour, as long as it is looked at."""
     folder = tmp_path_factory.mktemp("plain") / "plain"
-    generate(PLAIN, folder, content_hash="plain")
+    path = replace(PLAIN.flight.path, duration_s=FRAMES / 15)
+    generate(replace(PLAIN, flight=replace(PLAIN.flight, path=path)), folder, content_hash="plain")
     return Sequence.load(folder)
 
 
