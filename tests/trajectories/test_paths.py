@@ -234,7 +234,8 @@ def test_a_plan_keeps_the_structure_in_view(path: PathSpec, obstacles: ObstacleM
         side /= np.linalg.norm(side)
         up = np.cross(side, forward)
         angles = np.radians(np.linspace(-30, 30, 25))
-        rays = np.array([forward + np.tan(a) * side + np.tan(b) * up for a in angles for b in angles])
+        aside, upwards = (each.reshape(-1, 1) for each in np.tan(np.meshgrid(angles, angles, indexing="ij")))
+        rays = forward + aside * side + upwards * up
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         seen[i] = np.isfinite(obstacles.ray(np.tile(row[:3], (len(rays), 1)), rays)).any()
     assert seen.mean() > 0.95, f"in view {seen.mean():.0%} of the time"
