@@ -228,7 +228,7 @@ BOMBS = {
     "cylinders": (ROUND_CAO.replace("1\n0 1", "10001\n0 1"), "cylinders .* not within 0 .. 10,000"),
     "circles": (ROUND_CAO.format(circles="10001"), "circles .* not within 0 .. 10,000"),
     "corners": ("V1\n1000\n" + "0 0 0\n" * 1000 + "0\n0\n6\n" + f"1000 {MANY}\n" * 6, "too many corners"),
-    "faces": ("V1\n3\n" + "0 0 0\n" * 3 + "0\n0\n500001\n" + "6 0 1 2 0 1 2\n" * 500_001, "2,000,004 triangles"),
+    "faces": ("V1\n3\n" + "0 0 0\n" * 3 + "0\n0\n200001\n" + f"12{' 0 1 2' * 4}\n" * 200_001, "2,000,010 triangles"),
 }
 
 
