@@ -81,13 +81,12 @@ def mutants(root: Path, file: str) -> list[Mutant]:
                 continue
             first, last = starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
             begin, end = starts[node.lineno - 1], starts[node.end_lineno]
-            changed = (text[:first] + other.encode() + text[last:]).decode()
+            new, of_outer = other.encode(), slice(starts[outer.lineno - 1], starts[outer.end_lineno])
+            changed = (text[:first] + new + text[last:]).decode()
             before = " ".join(part.strip() for part in rows[node.lineno - 1 : node.end_lineno])
-            after = " ".join(
-                part.strip() for part in (text[begin:first] + other.encode() + text[last:end]).decode().splitlines()
-            )
+            after = " ".join(part.strip() for part in (text[begin:first] + new + text[last:end]).decode().splitlines())
             if changed not in found:
-                ast.parse(text[starts[outer.lineno - 1] : first] + other.encode() + text[last : starts[outer.end_lineno]])
+                ast.parse(text[of_outer.start : first] + new + text[last : of_outer.stop])
                 found[changed] = Mutant(file, node.lineno, before, after, changed)
     return sorted(found.values(), key=lambda m: (m.line, m.after))
 

@@ -21,7 +21,7 @@ def area(vertices, triangles):
 
 @pytest.mark.parametrize("kind", [Box, Truss])
 def test_what_is_written_is_read_back(kind, tmp_path):
-    structure = kind().build(np.random.default_rng(0)).structure
+    structure = kind().unpainted().structure
     write_cao(structure, tmp_path / "model.cao")
     read = read_cao(tmp_path / "model.cao")
     again = Structure.from_mesh(read.vertices, read.triangles)
@@ -45,7 +45,7 @@ def test_a_face_has_its_corners_only_and_turns_outward():
 
 def test_an_opening_is_left_to_the_faces_in_it():
     """A facade with windows is one polygon of its outer border."""
-    structure = Building().build(np.random.default_rng(0)).structure
+    structure = Building().unpainted().structure
     sizes = [len(face_polygon(structure, face)) for face in range(len(structure.face_normals))]
     largest = np.bincount(structure.triangle_face).argmax()
     assert sizes[largest] <= 8
@@ -87,7 +87,7 @@ def test_a_circle_that_ends_nothing_is_a_disc(tmp_path):
 def test_a_model_may_load_others(tmp_path):
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "tower.cao").write_text(ROUND_CAO.format(circles="0"))
-    write_cao(Box().build(np.random.default_rng(0)).structure, tmp_path / "parts" / "box.cao")
+    write_cao(Box().unpainted().structure, tmp_path / "parts" / "box.cao")
     text = 'V1\nload("parts/tower.cao")\nload("parts/box.cao")\n0\n0\n0\n0\n0\n0\n'
     (tmp_path / "all.cao").write_text(text)
     parts = [read_cao(tmp_path / "parts" / name) for name in ("tower.cao", "box.cao")]
@@ -99,7 +99,7 @@ def test_a_model_may_load_others(tmp_path):
 
 def test_a_load_places_its_model_as_visp_does(tmp_path):
     """A row of bricks that loads a brick, placed by a model that loads the row: exp(tu) p + t, twice."""
-    brick = Box().build(np.random.default_rng(0)).structure
+    brick = Box().unpainted().structure
     write_cao(brick, tmp_path / "brick.cao")
     (tmp_path / "row.cao").write_text('V1\nload("brick.cao")\nload("brick.cao", t=[1; 0; 0], tu=[0; 0; 90 deg])\n')
     outer = 'load("row.cao", tu=[0.3; -0.2 rad; 0.5], t=[0.1;0.2;0.3])  # placed'

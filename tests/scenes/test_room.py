@@ -17,7 +17,7 @@ from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.vehicle.registry import AIRFRAMES
 
-BOX = Box().build(stream(0, "structure")).structure
+BOX = Box().unpainted().structure
 AIRFRAME = AIRFRAMES["crazyflie"]()
 
 

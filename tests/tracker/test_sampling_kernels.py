@@ -50,7 +50,7 @@ def test_about_as_many_are_visible_as_asked_for_however_many_are_hidden(bridge, 
 
 @pytest.fixture(scope="module")
 def bridge():
-    return Bridge().build(np.random.default_rng(0)).structure
+    return Bridge().unpainted().structure
 
 
 def lines_of(*edges):
