@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from uavbench.bench.speed.facade import Facade
+from uavbench.bench.speed.large.facade import Facade
 from uavbench.bench.speed.synthetic import CAMERA
 from uavbench.tracker.protocol import Image, Run
 from uavbench.tracker.registry import TRACKERS
