@@ -119,8 +119,8 @@ def test_rows_are_numbered_in_lexicographic_order(rows):
 
 def test_rows_of_numbers_that_are_far_apart_are_told_still():
     rows = np.array([[k * 2**40, -k * 2**50, k % 2 * 2**60] for k in range(40)])
-    assert len(np.unique(row_numbers(rows))) == 40
-    assert (np.diff(row_numbers(rows)) > 0).all()
+    found = row_numbers(rows).tolist()
+    assert found == sorted(set(found)), "whole numbers, which do not wrap around as differences of an array do"
 
 
 @pytest.mark.parametrize("rows", [3, LARGE // 64 + 1])

@@ -15,8 +15,8 @@ def row_numbers(rows: Indices) -> Indices:
     for column in rows.T:
         low, high = int(column.min(initial=0)), int(column.max(initial=0))
         if size * (high - low + 1) > MOST:
-            numbers = np.unique(numbers, return_inverse=True)[1]
-            size = int(numbers.max()) + 1
+            numbers, column = (np.unique(each, return_inverse=True)[1] for each in (numbers, column))
+            size, low, high = int(numbers.max()) + 1, 0, int(column.max())
         numbers = numbers * (high - low + 1) + (column - low)
         size *= high - low + 1
     return numbers
