@@ -48,12 +48,8 @@ class SelfSimilarity:
         self.shifts = self._repetitions(ends.mean(axis=1), along, lengths)[:SHIFTS]
         counts = np.ceil(lengths / self.cell).astype(np.int64) + 1
         self.passed = table_of_edges(ends, counts, direction_numbers(along), self.cell)
-        until = np.cumsum(counts)
-        some = (
-            np.linspace(0, until[-1] - 1, min(until[-1], TURNED_POINTS)).round().astype(np.int64)
-            if len(ends)
-            else until
-        )
+        until, total = np.cumsum(counts), int(counts.sum())
+        some = np.linspace(0, total - 1, min(total, TURNED_POINTS)).round().astype(np.int64)
         edge = np.searchsorted(until, some, side="right")
         part = (some - until[edge] + counts[edge]) / (counts[edge] - 1)
         places = ends[edge, 0] + part[:, None] * (ends[edge, 1] - ends[edge, 0])

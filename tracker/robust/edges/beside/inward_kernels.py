@@ -96,14 +96,13 @@ def into_faces(ends: Array, faces: Indices, triangles: Triangles, size: float) -
             if nearest == NONE:
                 nearest = nearest_of_face(place, faces[e, side], np.inf, triangles, stack)
             corners = triangles.corners[nearest]
-            ahead, size = 0.0, 0.0
+            ahead, squared = 0.0, 0.0
             for k in range(3):
                 into[k] = (corners[0, k] + corners[1, k] + corners[2, k]) / 3.0 - place[k]
                 ahead += into[k] * (ends[e, 1, k] - ends[e, 0, k]) / length
             for k in range(3):
                 into[k] -= ahead * (ends[e, 1, k] - ends[e, 0, k])
-                size += into[k] * into[k]
-            size = max(math.sqrt(size), LEAST)
+                squared += into[k] * into[k]
             for k in range(3):
-                out[e, side, k] = into[k] / size
+                out[e, side, k] = into[k] / max(math.sqrt(squared), LEAST)
     return out
