@@ -5,7 +5,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.bench.speed.synthetic import BOX_TRIANGLES, CAMERA, look_at
 from uavbench.scenes.structure import Structure
@@ -32,10 +31,9 @@ LIGHT = np.array([-0.35, -0.75, 0.55])
 """Where the light comes from: along the facade, out of it and up."""
 AMBIENT = 0.45
 """Part of the light that comes from everywhere."""
-WALL_GREY, NOISE_GREY = 120.0, 2.0
+WALL_GREY, SKY_GREY, NOISE_GREY = 120.0, 200, 2.0
 FRACTION_BITS = 4
-
-Corners = NDArray[np.float64]
+"""Of a pixel, to which sides are drawn."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Facade:
     storeys: int
 
     @cached_property
-    def solids(self) -> Corners:
+    def solids(self) -> Array:
         """Corners (k, 8, 3) of all boxes: the block, and the parts of the windows by their depth."""
         bay, storey = (each.ravel() for each in np.meshgrid(np.arange(self.bays), np.arange(self.storeys)))
         found = [(-1.0, self.bays * BAY_M + 1.0, 0.0, 12.0, -1.0, self.storeys * STOREY_M + 1.0)]
@@ -72,7 +70,7 @@ class Facade:
 
     def image(self, cam_from_world: Pose, rng: np.random.Generator) -> Image:
         """BGR image (h, w, 3) from a pose before the facade: boxes by their depth, each side of one brightness."""
-        image = np.full((CAMERA.height, CAMERA.width, 3), 200, np.uint8)
+        image = np.full((CAMERA.height, CAMERA.width, 3), SKY_GREY, np.uint8)
         eye = cam_from_world.inverse().translation
         pixels = CAMERA.project(cam_from_world.transform(self.solids.reshape(-1, 3))).reshape(-1, 8, 2)
         ahead = cam_from_world.transform(self.solids.mean(axis=1))[:, 2] > 0.0
