@@ -1,5 +1,7 @@
 """Of what is made alike one place may look as another: it is told by what is made but once beside it."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.relocalization.self_similarity import DIRECTION_STEP, LENGTH_STEP
 from uavbench.tracker.robust.relocalization.surfaces.aligner import rarity
 from uavbench.tracker.robust.relocalization.surfaces.copies import is_copied
 from uavbench.tracker.robust.relocalization.surfaces.known_surfaces import UNSEEN, KnownSurfaces
@@ -82,3 +85,12 @@ def test_boxes_that_are_alike_are_copies_and_the_wall_behind_them_is_none():
 
 def test_sides_of_one_box_that_look_elsewhere_are_no_copies():
     assert not is_copied(EdgeMap.of(box(), 30.0)).any()
+
+
+def test_faces_to_two_sides_are_not_alike_whatever_the_lengths_of_their_edges():
+    """Of the first two faces each has an edge of such a length that its number is that of the other face's side."""
+    ends = np.zeros((3, 2, 3))
+    ends[:, 1, 2] = np.exp(LENGTH_STEP * np.array([257.0, 240.0, 273.0]))
+    planes = np.array([[16.0, 0, 0, 0], [16.0, 1, 0, 0], [0, 16.0, 0, 0], [0, 0, 16.0, 0]]) * DIRECTION_STEP
+    edges = SimpleNamespace(ends=ends, planes=planes, faces=np.array([[0, -1], [1, -1], [2, -1]]))
+    assert not is_copied(edges).any()

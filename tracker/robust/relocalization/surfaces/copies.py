@@ -4,11 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
-from uavbench.tracker.robust.relocalization.self_similarity import (
-    DIRECTION_STEP,
-    LENGTH_STEP,
-    direction_numbers,
-)
+from uavbench.tracker.robust.relocalization.self_similarity import DIRECTION_STEP, LENGTH_STEP, direction_numbers
 from uavbench.tracker.robust.row_numbers import row_numbers
 
 SHORTEST = 1e-9
@@ -25,7 +21,8 @@ def is_copied(edges: EdgeMap) -> NDArray[np.bool_]:
     lengths = np.maximum(np.linalg.norm(along, axis=1), SHORTEST)
     sizes = np.round(np.log(lengths) / LENGTH_STEP).astype(np.int64)
     made = mixed(row_numbers(np.column_stack([direction_numbers(along / lengths[:, None]), sizes])))
-    outlines = mixed(row_numbers(np.round(edges.planes[:, :3] / DIRECTION_STEP).astype(np.int64)))
+    sides = mixed(row_numbers(np.round(edges.planes[:, :3] / DIRECTION_STEP).astype(np.int64)))
+    outlines = mixed(sides.view(np.int64))  # twice: numbers of sides may be those of edges
     for faces in edges.faces.T:
         np.add.at(outlines, faces[faces >= 0], made[faces >= 0])
     _, kind, number = np.unique(outlines, return_inverse=True, return_counts=True)
