@@ -211,3 +211,15 @@ def test_a_step_is_found_in_the_codes_of_a_camera_whose_response_is_known(respon
         learned_light(row, 3, Optics(light, BLUR_PX, ALIGNED), colour)
         found.append(abs(fit(codes[image], line, 0.2, colour, light=light).distance - 0.2))
     assert found[0] < 0.01 and found[1] > 2 * found[0]
+
+
+@pytest.mark.parametrize("angle", [0, 90, 180])
+def test_an_edge_along_the_pixels_is_found_wherever_it_crosses_them(angle):
+    """A blur that is thought to be normal, though pixels have an area, would displace it by up to 0.013 px."""
+    _, colour = direction()
+    errors = []
+    for distance in np.arange(-0.5, 0.5, 0.05):
+        rng = np.random.default_rng(0)
+        fits = [fit(*edge(distance, angle, 2.0, rng), distance, colour).distance for _ in range(60)]
+        errors.append(np.mean(fits) - distance)
+    assert np.std(errors) < 0.003

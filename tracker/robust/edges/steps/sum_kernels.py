@@ -1,7 +1,8 @@
 """Compiled sums of products of blurred steps and the light, over the pixels around a control point.
 
-Near an edge the light is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. The sums are
-what least squares needs of the pixels. They take most of the time of a sub-pixel fit, and are summed up in tiles.
+Near an edge the light is a + b H(s), with s the distance across it and H a step blurred by pixel and lens: that of a
+normal distribution, but for the area of a pixel, which is even. The sums are what least squares needs of the pixels.
+They take most of the time of a sub-pixel fit, and are summed up in tiles.
 """
 
 import math
@@ -24,7 +25,11 @@ MIDDLE = WIDTHS * STEPS_PER_WIDTH
 AT = np.arange(-MIDDLE, MIDDLE + 1) / STEPS_PER_WIDTH
 STEP = np.array([0.5 * (1 + math.erf(s / math.sqrt(2))) for s in AT])
 SLOPE = np.exp(-0.5 * np.square(AT)) / math.sqrt(2 * math.pi)
-"""H and H' at AT, in standard deviations of the blur."""
+"""H and H' of a normal blur at AT, in standard deviations of it."""
+BLURRED = np.stack([STEP, AT * (AT**2 - 3) * SLOPE, SLOPE, (AT**2 * (6 - AT**2) - 3) * SLOPE], axis=1)
+"""H at AT and what flatness adds to it, H' and what flatness adds to that."""
+FLATTER = 1 / (24 * 120)
+"""A 24th of the fourth cumulant of an even distribution over a pixel's width, -1/120 px^4, without its sign."""
 TILE = 4
 """Rows and columns of the products that are summed up together, which the registers of a processor hold."""
 
@@ -56,6 +61,13 @@ class Sums(NamedTuple):
     misfit: Array
 
 
+class StepAt(NamedTuple):
+    """A blurred step of height 1, and its slope per standard deviation of the blur."""
+
+    step: float
+    slope: float
+
+
 @compiled("i0 i0 i0", inner=True)
 def room_for(steps: int, derivatives: int, beside: int) -> Sums:
     """Arrays for fits of up to so many steps, with so many derivatives of the light, on strips of so many lines."""
@@ -70,6 +82,30 @@ def room_for(steps: int, derivatives: int, beside: int) -> Sums:
         np.empty(derivatives),
         np.empty(ACROSS),
     )
+
+
+@inlined(allocates=False)
+def flatness_of(nu: float, nv: float, per_px4: float) -> float:
+    """By how much the blur of an edge of this normal is flatter than a normal distribution, since pixels have an area.
+
+    per_px4: FLATTER over the fourth power of the blur. A pixel's extent across the edge is the sum of two independent
+    ones, of its width and height: so are its cumulants.
+    """
+    nu2, nv2 = nu * nu, nv * nv
+    return float(per_px4 * (nu2 * nu2 + nv2 * nv2))
+
+
+@inlined(allocates=False)
+def step_at(row: float, flatness: float) -> StepAt:
+    """H and H' at a row of their table, or between two, of a blur of this flatness.
+
+    Edgeworth's expansion of a distribution that is nearly normal, to its fourth cumulant (Cramér 1946, section 17.7).
+    """
+    row = min(max(row, 0.0), 2.0 * MIDDLE)
+    near = np.uint32(row + 0.5)
+    slope = BLURRED[near, 2]
+    step = BLURRED[near, 0] + (row - np.int32(near)) / STEPS_PER_WIDTH * slope + flatness * BLURRED[near, 1]
+    return StepAt(step, slope + flatness * BLURRED[near, 3])
 
 
 @inlined(allocates=False)
@@ -92,6 +128,7 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
     else:
         x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
     steps, pixels, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
+    per_px4 = FLATTER * widths_per_px**4
     terms, light_block, light_column = sums.terms, steps // 2, 2 * (steps % 2)
     middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
     for k in range(-(along // every), along // every + 1):
@@ -99,18 +136,18 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
         low = int(x0 - (y - y0) * ny / nx + 0.5) - REACH_PX
         if y < 0 or y >= height or low < 0 or low + 2 * REACH_PX >= width:
             continue
-        column, row = (low, y) if by_rows else (y, low)
+        u0, v0 = (low, y) if by_rows else (y, low)
         for i in range(steps):
             mu, mv = edges[i, NORMAL_U], edges[i, NORMAL_V]
-            away = (column - edges[i, U]) * mu + (row - edges[i, V]) * mv - start
+            away = (u0 - edges[i, U]) * mu + (v0 - edges[i, V]) * mv - start
             first, each = away * rows_per_px + MIDDLE, (mu if by_rows else mv) * rows_per_px
-            block, odd = i // 2, i % 2 == 1
+            block, odd, flatness = i // 2, i % 2 == 1, flatness_of(mu, mv, per_px4)
             for x in range(ACROSS):
-                at = np.uint32(min(max(first + x * each, 0.0), 2.0 * MIDDLE) + 0.5)
+                at = step_at(first + x * each, flatness)
                 if odd:
-                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = STEP[at], SLOPE[at] * widths_per_px
+                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = at.step, at.slope * widths_per_px
                 else:
-                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = STEP[at], SLOPE[at] * widths_per_px
+                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = at.step, at.slope * widths_per_px
         brightest = 0
         for x in range(ACROSS):
             column, row = (low + x, y) if by_rows else (y, low + x)
