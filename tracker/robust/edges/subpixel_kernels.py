@@ -24,7 +24,8 @@ from uavbench.tracker.robust.edges.steps.optics_kernels import (
     learned_light,
     without_derivatives,
 )
-from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, fit_step
+from uavbench.tracker.robust.edges.steps.step_kernels import CLEAR_WIDTHS, MAX_SHIFT_PX, MOST_STEPS, NO_STEP, fit_step
+from uavbench.tracker.robust.edges.steps.strip_kernels import MeanLines, fit_strip, room_for_lines
 from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, REACH_PX, Strip, Sums, room_for
 from uavbench.tracker.robust.edges.weight_kernels import WEIGHTS
 from uavbench.tracker.robust.view import VIEW, View, pixel_of
@@ -38,6 +39,8 @@ MOST_ALONG_PX = 12
 another one."""
 COARSE_LINES, FINE_LINES = 1, 4
 """Scan lines to either side of a control point, of a first fit and of one at its step: each is linear in the shift."""
+LINEAR_PX = 0.1
+"""Shift up to which a fit is linear in it: that of a step blurred by 0.5 px is off by less than 0.001 px then."""
 TINY = 1e-300
 """Least divisor, px^2."""
 
@@ -90,12 +93,13 @@ class Looks(NamedTuple):
 
 class Room(NamedTuple):
     """Arrays that locating an edge writes, made once: crowd and colour of a point, those of a coarse and of a fine fit,
-    and others (g,), rows of the edges that are near.
+    and of one to all lines, and others (g,), rows of the edges that are near.
     """
 
     crowd: Crowd
     coarse: Sums
     fine: Sums
+    mean: MeanLines
     colour: Array
     others: Indices
 
@@ -154,6 +158,7 @@ def refine_subpixel(
         Crowd(np.empty((MOST_STEPS, 4)), np.empty(MOST_STEPS, np.int64)),
         room_for(MOST_STEPS, 0, COARSE_LINES),
         room_for(MOST_STEPS, numbers, FINE_LINES),
+        room_for_lines(),
         np.empty(3),
         np.empty(len(first) - 1, np.int64),
     )
@@ -172,7 +177,7 @@ def locate_edge(looks: Looks, seen: Seen, g: int, own_part: float, room: Room, f
     first, rows, weights, residual = points.first, points.rows, seen.fitted.weight, seen.fitted.residual
     half_px, colour, reach_px = seen.extents.half_px, room.colour, REACH_PX + CLEAR_WIDTHS * optics.blur_px
     others = room.others[: edges_near(seen.extents, g, reach_px, room.others)]
-    start, total = 0.0, 0.0
+    start, total, numbers = 0.0, 0.0, len(optics.light) - 1
     for p in range(first[g], first[g + 1]):
         if weights[p] > 0.0:
             start, total = start + weights[p] * residual[p], total + weights[p]
@@ -190,10 +195,17 @@ def locate_edge(looks: Looks, seen: Seen, g: int, own_part: float, room: Room, f
         if steps == 0:
             continue
         together = room.crowd.lines[:steps]
-        near = fit_step(looks.image, together, start, coarse, colour, room.coarse)
-        if not abs(near.distance - start) < MAX_SHIFT_PX:
-            continue
-        step = fit_step(looks.image, together, near.distance, fine, colour, room.fine)
+        step = NO_STEP
+        if steps == 1 and numbers == 0:
+            step = fit_strip(looks.image, together[0], start, fine, colour, room.mean, room.fine.misfit)
+            if LINEAR_PX < abs(step.distance - start) < MAX_SHIFT_PX:
+                at_step = step.distance
+                step = fit_strip(looks.image, together[0], at_step, fine, colour, room.mean, room.fine.misfit)
+        if not step.distance < np.inf:
+            near = fit_step(looks.image, together, start, coarse, colour, room.coarse)
+            if not abs(near.distance - start) < MAX_SHIFT_PX:
+                continue
+            step = fit_step(looks.image, together, near.distance, fine, colour, room.fine)
         if abs(step.distance - start) < MAX_SHIFT_PX:
             moved = displaced_px(row, looks.image, at.lines[p], optics, colour)
             edges.distance[p, 0], edges.steps[p] = step.distance - moved, steps

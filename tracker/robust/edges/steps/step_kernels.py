@@ -42,7 +42,21 @@ class Step(NamedTuple):
     variance_px2: float
 
 
+class Alone(NamedTuple):
+    """A step that stands alone: its height, 0 without one, and its shift in px with the variance_px2.
+
+    variance: that for light of unit variance; moved_px: what the last iteration moved it by.
+    """
+
+    height: float
+    shift: float
+    variance: float
+    variance_px2: float
+    moved_px: float
+
+
 NO_STEP = Step(np.inf, np.inf)
+NOTHING = Alone(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined(allocates=False)
@@ -83,7 +97,12 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     if n < 3 * ACROSS or not seen > LEAST_SEEN * n:
         return NO_STEP
     if steps == 1 and rows == 0:
-        return fit_alone(sums, n, start, strip.optics.light[0, 1])
+        alone = fit_alone(sums.products, strip.optics.light[0, 1])
+        if not alone.height > 0.0:
+            return NO_STEP
+        sums.height[0] = alone.height
+        write_misfit(1, n, Step(alone.shift, alone.variance), sums)
+        return Step(start + alone.shift, alone.variance_px2 + left_px2(seen, n, alone.moved_px))
     for i in range(last + 1, last + 1 + rows):  # the level is eliminated
         for j in range(last):
             products[i, j] -= products[i, last] * products[last, j] / seen
@@ -181,12 +200,12 @@ def left_px2(seen: float, n: int, moved_px: float) -> float:
 
 
 @inlined(allocates=False)
-def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
-    """As `fit_step` of one step, from the sums over n pixels, whose height must be more than `least`.
+def fit_alone(products: Array, least: float) -> Alone:
+    """As `fit_step` of one step, from the products (4, 4) of its terms, whose height must be more than `least`.
 
     The same operations in the same order, number by number: most edges stand alone.
     """
-    products, seen = sums.products, sums.products[3, 3]
+    seen = products[3, 3]
     HH, SH, SS = products[0, 0], products[1, 0], products[1, 1]
     LH, LS, LL = products[2, 0], products[2, 1], products[2, 2]
     of_H, of_S, of_L = products[3, 0], products[3, 1], products[3, 2]
@@ -199,11 +218,11 @@ def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
         C = 1.0 if iteration == 0 else height * height * SS
         x, y = LH - shift * LS, 0.0 - height * LS
         if not A > 0.0:
-            return NO_STEP
+            return NOTHING
         A = 1.0 / A
         C -= B * B * A
         if not C > 0.0:
-            return NO_STEP
+            return NOTHING
         variance = 1.0 / C
         explained = x * x * A
         x *= A
@@ -213,9 +232,7 @@ def fit_alone(sums: Sums, n: int, start: float, least: float) -> Step:
         height = x - A * B * y
         shift += y
         if not (explained >= 0.0 and abs(shift) < 2 * MAX_SHIFT_PX):
-            return NO_STEP
+            return NOTHING
     if not height > least:
-        return NO_STEP
-    sums.height[0] = height
-    write_misfit(1, n, Step(shift, variance), sums)
-    return Step(start + shift, max(0.0, LL - explained) / (seen - 3) * variance + left_px2(seen, n, y))
+        return NOTHING
+    return Alone(height, shift, variance, max(0.0, LL - explained) / (seen - 3) * variance, y)
