@@ -175,6 +175,11 @@ class Camera:
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         return _pixels(cv2.undistortPoints(points, self.K, self.coefficients, P=self.K, criteria=criteria))
 
+    def with_row_delay(self, delay_ns: float) -> "Camera":
+        """The camera as trackers are told it: its rows are exposed delay_ns apart, 0 for a global shutter."""
+        readout_ms = 1e-6 * delay_ns * (self.height - 1)
+        return replace(self, readout_ms=readout_ms) if readout_ms else self
+
     def in_image(self, points_cam_m: Array) -> NDArray[np.bool_]:
         """Which points (n, 3) in the camera frame, z > 0, are in the image; none of those beyond a fold of the lens."""
         pixels = self.project(points_cam_m)

@@ -38,6 +38,7 @@ the camera in the model's frame for every image.
 |---|---|
 | `frames.csv`, `frames/` | `stamp_ns,file`: the images and their times in ns |
 | `camera.toml` | size, intrinsics in px, distortion; x right, y down, z forward, pixel centres at whole numbers |
+| | of a rolling shutter `readout_ms`, from the first row to the last; stamps are those of the middle row |
 | `model.obj`, `model.cao`, `edges.csv` | the structure as designed, in metres: planar faces, as polygons, its edges |
 | `init.toml` | `cam_from_model` at the first image, as participants may use it |
 | `sensors.toml`, `imu.csv` ... | `cam_from_body`, the sensors' calibration, and what they measured |

@@ -63,7 +63,7 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
                 on_step(simulation.step, simulation.steps)
     verdicts = loop.estimator.verdicts if loop.estimator is not None else []
     notes.unreached = unreached_in_flight(spec.mount, mount, notes.stamps_ns)
-    flown = notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.camera, verdicts)
+    flown = notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.told, verdicts)
     return replace(flown, readings=loop.sensors.tables(), mounts=mounts_of(spec.mount, mount, flown))
 
 
@@ -153,7 +153,7 @@ class Loop:
 
     def take_off(self, first: Image) -> TrackerInFlight:
         """Start tracker and filter at the first frame."""
-        spec, pilot, camera = self.spec, self.pilot, self.source.camera
+        spec, pilot, camera = self.spec, self.pilot, self.source.told
         structure, seed = self.scene.built.structure, spec.seed
         pose, rng = self.source.cam_from_world(0), stream(seed, "initialization")
         pose = initial_pose_of(pilot.start, structure, camera, pose, first, rng)

@@ -21,7 +21,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from operator import index
 from pathlib import Path
@@ -315,8 +315,7 @@ class Frame:
 def _camera(folder: Path, info: Mapping[str, Any]) -> Camera:
     """The camera of a folder, with the time in which its rows are read out where the shutter is rendered as rolling."""
     camera = Camera.load(folder / "camera.toml", inside=folder)
-    readout_ms = 1e-6 * float(info.get("row_delay_ns", 0.0)) * (camera.height - 1)
-    return replace(camera, readout_ms=readout_ms) if readout_ms else camera
+    return camera.with_row_delay(float(info.get("row_delay_ns", 0.0)))
 
 
 def open_sequence(folder: str | Path) -> Sequence:

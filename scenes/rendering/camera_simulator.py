@@ -117,6 +117,11 @@ class CameraSimulator:
     row_delay_ns: float = 0.0
     wider: "Callable[[int], CameraSimulator]" = no_wider
 
+    @property
+    def told(self) -> Camera:
+        """The camera with the time in which its rows are read out, as trackers are told it."""
+        return self.camera.with_row_delay(self.row_delay_ns)
+
     def frame(self, stamp_ns: int) -> NDArray[np.uint8] | None:
         """The image at a stamp in 8-bit sRGB codes (h, w, 3) BGR, None when it is dropped."""
         if isinstance(self.image, Coded):

@@ -18,7 +18,7 @@ from uavbench.bench.external.program import External
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import measure_flight
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.effects.exposure import MotionBlur
+from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
 from uavbench.scenes.generate import generate
 from uavbench.scenes.scene import obstacles_of
@@ -68,7 +68,7 @@ class Watching:
         self.seen, self.answers = {"images": [], "samples": [], "expected": []}, answers
 
     def start(self, structure, camera, cam_from_world, rng, *, body):
-        self.seen["body"] = body
+        self.seen |= {"body": body, "camera": camera, "structure": structure}
         return WatchingRun(self)
 
 
@@ -113,6 +113,21 @@ def test_the_tracker_sees_in_flight_what_the_rendered_sequence_shows(tmp_path):
     assert all(np.array_equal(image, sequence.image(i)) for i, (_, image) in enumerate(images))
     np.testing.assert_allclose(flight.groundtruth.positions_m, sequence.ground_truth.positions_m, atol=1e-9)
     np.testing.assert_allclose(flight.groundtruth.rotations, sequence.ground_truth.rotations, atol=1e-9)
+
+
+def test_the_tracker_is_told_in_flight_what_the_rendered_sequence_tells(tmp_path):
+    """Also how its shutter rolls, without which a tracker takes all rows for exposed at once."""
+    lens = {"distortion_model": "radtan", "distortion": (-0.2, 0.05, 0.0, 0.0)}
+    camera = CameraSpec(width=160, height=120, fx_px=120.0, fy_px=120.0, cx_px=80.0, cy_px=60.0, **lens)
+    spec = box(effects=(RollingShutter(readout_ms=12.0),), camera=camera)
+    generate(spec, tmp_path / "box", content_hash="x")
+    sequence, tracker = Sequence.load(tmp_path / "box"), Watching()
+    flight = flown(spec, tracker, estimator="truth")
+    assert tracker.seen["camera"] == sequence.camera == flight.camera
+    assert sequence.camera.readout_ms == pytest.approx(12.0)
+    assert np.array_equal(tracker.seen["structure"].edge_segments, sequence.structure.edge_segments)
+    assert np.array_equal(tracker.seen["body"].cam_from_body.matrix, sequence.cam_from_body.matrix)
+    assert set(tracker.seen["body"].sensors) == {"imu", "baro"}
 
 
 def test_sensors_in_flight_read_what_they_measure_of_the_whole_flight():
