@@ -86,7 +86,8 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     """One sentence for each part of the sequence that an export does not contain."""
     info = sequence.info
     lines = list(held.limits)
-    lenses = {"": sequence.camera} | {f" of `{name}`": sequence.cameras[name].camera for name in held.cameras}
+    views = {"": sequence} | {f" of `{name}`": sequence.cameras[name] for name in held.cameras}
+    lenses = {of: view.camera for of, view in views.items()}
     lines += [
         f"Lens: the images{of} are undistorted ({lens.distortion_model} {list(lens.distortion)}); pixels outside the "
         "lens's field of view are black, and sharpness and noise differ."
@@ -109,13 +110,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
             f"Clock: t_imu = t_cam + {shift_ns / 1e9:g} s; images keep the stamps of their own clock, and the format "
             "cannot represent the offset."
         )
-    delay_ns = float(info.get("row_delay_ns", 0.0))
-    if delay_ns:
-        mounts = ", `row_mounts.npy`" if sequence.on_gimbal else ""
-        lines.append(
-            f"Rolling shutter: rows are exposed {delay_ns:.0f} ns apart; stamps and poses are those of the middle row, "
-            f"and the pose of each row (`row_poses.npy`{mounts}) is not included."
-        )
+    lines += [line for of, view in views.items() for line in _camera(of, view)]
     lines += _images(sequence)
     for name in ("depth", "mask", "edges", "flow", "occlusion", "normals"):
         if name not in held.annotations and (sequence.folder / name).is_dir():
@@ -161,6 +156,31 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
     ]
     write_text(folder / held.readme, "\n".join(lines) + "\n")
     return tuple(missing)
+
+
+def _camera(of: str, view: Sequence) -> list[str]:
+    """What no format holds of a camera: its rolling shutter, its response, its masked pixels; of: " of `right`"."""
+    camera, lines = view.camera, []
+    if camera.readout_ms:
+        delay_ns = 1e6 * camera.readout_ms / max(camera.height - 1, 1)
+        first = ", the last one first" if delay_ns < 0 else ""
+        names = ("row_poses.npy", "row_mounts.npy")
+        poses = ", ".join(f"`{name}`" for name in names if (view.folder / name).is_file())
+        lines.append(
+            f"Rolling shutter: rows{of} are exposed {abs(delay_ns):.0f} ns apart{first}; stamps and poses are those of "
+            f"the middle row{f', and the pose of each row ({poses}) is not included' if poses else ''}."
+        )
+    if camera.response != "srgb":
+        lines.append(
+            f"Response: the codes of the images{of} follow light by `response = {json.dumps(camera.response)}`, and "
+            "not as those of sRGB."
+        )
+    if camera.masked:
+        lines.append(
+            f"Masked pixels: {len(camera.masked)} polygons{of} in which the images show no scene (`masked` of "
+            "`camera.toml`) are not included."
+        )
+    return lines
 
 
 def _images(sequence: Sequence) -> list[str]:

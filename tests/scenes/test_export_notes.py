@@ -14,7 +14,7 @@ from tests.reports.drawn import CAM_FROM_BODY, make_sequence
 from tests.scenes.test_exports import IMU, PINHOLE, bop, rewrite
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.euroc import yaml_number
-from uavbench.scenes.exports.registry import export
+from uavbench.scenes.exports.registry import EXPORTS, export
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -39,6 +39,25 @@ def told(sequence: Sequence, folder: Path, format: str = "tum", **info: object) 
     notes = json.loads((copy.with_name(copy.name + "-out") / "export.json").read_text())["not_held"]
     assert list(said) == notes
     return "\n".join(said)
+
+
+@pytest.mark.parametrize("format", EXPORTS)
+def test_what_a_camera_says_of_its_images_and_no_format_holds_is_told(
+    made: Sequence, tmp_path: Path, format: str
+) -> None:
+    """Of own images the camera alone tells of a shutter: without a time of each row nothing else of it is known."""
+    folder = tmp_path / "own"
+    shutil.copytree(made.folder, folder)
+    (folder / "flight.csv").unlink()
+    plain = "\n".join(export(Sequence.load(folder), format, tmp_path / "plain"))
+    assert not any(word in plain for word in ("Rolling shutter", "Response", "Masked pixels"))
+    (folder / "camera.toml").unlink()
+    corner = ((0.0, 0.0), (40.0, 0.0), (0.0, 30.0))
+    replace(made.camera, readout_ms=-23.9, response=2.2, masked=(corner, corner)).save(folder / "camera.toml")
+    said = "\n".join(export(Sequence.load(folder), format, tmp_path / "exported"))
+    assert "rows are exposed 100000 ns apart, the last one first; stamps and poses are those of the middle row." in said
+    assert "the images follow light by `response = 2.2`" in said
+    assert "Masked pixels: 2 polygons in which the images show no scene" in said
 
 
 def test_each_limit_is_told_where_it_is_there_and_only_there(made: Sequence, tmp_path: Path) -> None:
@@ -80,7 +99,8 @@ def test_sensors_that_are_none_are_refused(made: Sequence, tmp_path: Path) -> No
 
 
 def test_what_cannot_be_exported_is_named_and_nothing_is_left(made: Sequence, tmp_path: Path) -> None:
-    broken = replace(made, info={**made.info, "row_delay_ns": "soon"})
+    drops = {"config": {"effects": [{"kind": "drops"}]}, "rate_hz": "soon"}
+    broken = replace(made, info={**made.info, **drops})
     with pytest.raises(UserError, match=r"has data that cannot be exported: .*; copy the folder again, or"):
         export(broken, "tum", tmp_path / "out")
     assert not (tmp_path / "out").exists()
