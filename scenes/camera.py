@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.calibrations.camera_file import read_camera_file, write_camera_file
+from uavbench.scenes.calibrations.camera_file import read_camera_file, row_delay_ns, write_camera_file
 from uavbench.scenes.calibrations.camera_plausibility import implausible
 from uavbench.scenes.calibrations.other_tools import own_name
 from uavbench.scenes.decoding.sample_bits import FEWEST_BITS, MOST_BITS
@@ -215,16 +215,21 @@ class Camera:
 
     @classmethod
     def load(cls, path: str | Path, inside: Path | None = None) -> "Camera":
-        """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key."""
+        """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key.
+
+        That of a rendered sequence has the rolling shutter of its `sequence.json`, unless it says `readout_ms` itself.
+        """
         path = Path(path)
         values = read_camera_file(path, list(cls.__dataclass_fields__), inside)
         try:
             camera = cls(**values)
         except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{path}: {error}") from None
-        if inside is None and (why := implausible(camera)):  # a rendered one was checked
+        if inside is not None:  # a rendered one was checked
+            return camera
+        if why := implausible(camera):
             raise UserError(f"{path}: {why}")
-        return camera
+        return camera if "readout_ms" in values else camera.with_row_delay(row_delay_ns(path))
 
 
 def _other_count(model: str, distortion: tuple[float, ...]) -> str:

@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.scenes.calibrations.other_tools import advice_on
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DamagedFileError, UserError
 from uavbench.trajectories.files.limits import SETTINGS
-from uavbench.trajectories.files.reading import opened, read_toml
+from uavbench.trajectories.files.reading import opened, read_json, read_toml
 from uavbench.trajectories.files.writing import write_text
 
+SEQUENCE = "sequence.json"
+"""File of a sequence beside the `camera.toml` of its main camera; those of others are in `cameras/NAME/`."""
 REQUIRED = ("width", "height", "fx", "fy", "cx", "cy")
 """Keys that every file has; the others have defaults."""
 HEAD_BYTES = 1 << 16
@@ -47,6 +49,37 @@ def read_camera_file(path: Path, fields: Sequence[str], inside: Path | None = No
     if unknown or missing:
         raise UserError(f"{path}: unknown keys {unknown}, missing keys {missing} (a camera has {', '.join(fields)})")
     return values
+
+
+def told_beside(path: Path) -> tuple[Path, ...]:
+    """File beside a `camera.toml` that tells of its rolling shutter: the `sequence.json` of a rendered sequence."""
+    file = next((place for place in _sequences(path) if place.is_file()), None)
+    return (file,) if file is not None and row_delay_ns(path) else ()
+
+
+def row_delay_ns(path: Path) -> float:
+    """Time in ns between two rows of the camera of a rendered sequence, by its `camera.toml`; 0 for any other file."""
+    file = next((place for place in _sequences(path) if place.is_file()), None)
+    if file is None:
+        return 0.0
+    try:
+        about = read_json(file)
+    except DamagedFileError:
+        raise
+    except UserError:  # of another tool
+        return 0.0
+    others = about.get("cameras")
+    if file.parent != path.absolute().parent:
+        of_camera = others.get(path.absolute().parent.name) if isinstance(others, dict) else None
+        about = of_camera if isinstance(of_camera, dict) else {}
+    delay_ns = about.get("row_delay_ns")
+    return float(delay_ns) if isinstance(delay_ns, int | float) else 0.0
+
+
+def _sequences(path: Path) -> tuple[Path, Path]:
+    """Where the `sequence.json` of a main camera, and of a further one, is."""
+    whole = path.absolute()
+    return whole.with_name(SEQUENCE), whole.parent.parent.parent / SEQUENCE
 
 
 def _other_tool(path: Path, inside: Path | None) -> str:

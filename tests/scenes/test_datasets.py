@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from evo.tools import file_interface
 
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, load_edges, read_depth
 from uavbench.scenes.dataset.contact_sheet import LEGEND_PX, write_contact_sheet
 from uavbench.scenes.dataset.sequence import Sequence
@@ -122,6 +123,7 @@ def test_a_rolling_shutter_leaves_the_pose_of_every_row(tmp_path: Path) -> None:
     speed = np.linalg.norm(rows[:, -1, :3] - rows[:, 0, :3], axis=1) / 0.024
     assert speed == pytest.approx(np.linalg.norm(sequence.ground_truth_table[:, 9:12], axis=1), rel=0.2)
     assert sequence.info["row_delay_ns"] == pytest.approx(24e6 / 239)
+    assert Camera.load(tmp_path / "rolling" / "camera.toml") == sequence.camera
 
 
 def test_evo_and_we_read_the_tum_export(sequence: Sequence, tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """Calibrations of other tools: what a user is told about each, and that what is told gives the same pixels."""
 
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,11 +10,13 @@ import numpy as np
 import pycolmap
 import pytest
 
+from uavbench.scenes.calibrations.camera_file import told_beside
 from uavbench.scenes.calibrations.other_tools import own_name
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.exports.colmap import camera_line
 from uavbench.scenes.image_files import check_size
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
+from uavbench.tracker.images.recorded_sequence import Files
 from uavbench.trajectories.errors import UserError
 
 KALIBR = "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0, 0, 0, 0]\n  intrinsics: [125.6, 125.6, 79.5, 59.5]\n"
@@ -198,3 +202,36 @@ def test_a_camera_of_numpys_numbers_is_written_as_it_is(tmp_path: Path) -> None:
     camera.save(str(tmp_path / "camera.toml"))
     assert Camera.load(str(tmp_path / "camera.toml")) == camera
     assert "np." not in (tmp_path / "camera.toml").read_text() and "np." not in camera_line(camera)
+
+
+def test_the_camera_of_a_rendered_sequence_has_its_rolling_shutter(tmp_path: Path) -> None:
+    """Which `sequence.json` tells: whoever tracks its images as their own would take all rows for exposed at once."""
+    camera = Camera(160, 121, 125.6, 125.6, 79.5, 59.5)
+    main, right, other = (tmp_path / "rolled" / name / "camera.toml" for name in ("", "cameras/right", "cameras/other"))
+    for file in (main, right, other):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        camera.save(file)
+    assert [Camera.load(file).readout_ms for file in (main, right)] == [0.0, 0.0]
+    about: dict[str, object] = {"row_delay_ns": 1e5, "cameras": {"right": {"row_delay_ns": 2e5}}}
+    (tmp_path / "rolled" / "sequence.json").write_text(json.dumps(about))
+    assert [Camera.load(file).readout_ms for file in (main, right, other)] == pytest.approx([12.0, 24.0, 0.0])
+    assert told_beside(main) == told_beside(right) == (tmp_path / "rolled" / "sequence.json",)
+    source = Files(images_path=str(tmp_path / "none"), model_file="none.obj", camera_file=str(main))
+    assert tmp_path / "rolled" / "sequence.json" in source.entering_files
+    main.unlink()
+    replace(camera, readout_ms=7.0).save(main)
+    assert Camera.load(main).readout_ms == 7.0
+    right.write_text(f"{right.read_text()}readout_ms = 0.0\n")
+    assert Camera.load(right).readout_ms == 0.0
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "{", '{"row_delay_ns": "fast"}', '{"row_delay_ns": 0}', '{"cameras": 3}'])
+def test_a_file_of_another_tool_beside_a_camera_tells_nothing_of_its_shutter(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "cameras" / "left" / "camera.toml"
+    file.parent.mkdir(parents=True)
+    for place in (tmp_path, file.parent):
+        (place / "sequence.json").write_text(text)
+    Camera(160, 120, 125.6, 125.6, 79.5, 59.5).save(file)
+    assert Camera.load(file).readout_ms == 0.0 and told_beside(file) == ()
+    (file.parent / "sequence.json").unlink()
+    assert Camera.load(file).readout_ms == 0.0 and told_beside(file) == ()

@@ -16,6 +16,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 from numpy.typing import NDArray
 
+from uavbench.scenes.calibrations.camera_file import told_beside
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.ground_truth_files import states_of, write_ground_truth
@@ -101,10 +102,10 @@ class Files:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """Files whose content enters the sequence's hash: the images, their times, and what the model refers to."""
+        """Files whose content enters the sequence's hash: images, their times, a shutter, what the model refers to."""
         folder = Path(self.images_path)
         images = (*images_in(folder), *times_beside(folder)) if folder.is_dir() else ()
-        return (*images, *parts_of(Path(self.model_file)))
+        return (*images, *told_beside(Path(self.camera_file)), *parts_of(Path(self.model_file)))
 
     def find(self) -> Recording:
         """The recording."""
