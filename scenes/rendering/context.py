@@ -8,6 +8,7 @@ import OpenGL or pyrender before `context()` has run.
 import ctypes
 import ctypes.util
 import functools
+import importlib
 import importlib.util
 import os
 import sys
@@ -130,8 +131,7 @@ def _make(kind: str) -> Any:
     if "_ctypes.CArgObject" not in arguments.check:
         arguments.check.append("_ctypes.CArgObject")
     if kind == "egl":
-        from pyrender.platforms import egl
-
+        egl = _asserting("pyrender.platforms.egl")
         device = egl.get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0")))
         platform: Any = egl.EGLPlatform(16, 16, device=device)
     else:
@@ -140,6 +140,19 @@ def _make(kind: str) -> Any:
     platform.make_current()
     _make_hashable()
     return platform
+
+
+def _asserting(name: str) -> Any:
+    """A module that makes its calls within `assert`, as pyrender's of EGL, which `python -O` would leave out."""
+    if __debug__:
+        return importlib.import_module(name)
+    spec = importlib.util.find_spec(name)
+    loader: Any = spec.loader if spec else None
+    if spec is None or loader is None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    module = importlib.util.module_from_spec(spec)
+    exec(compile(loader.get_source(name), str(spec.origin), "exec", optimize=0), vars(module))
+    return module
 
 
 def _without_viewer() -> None:

@@ -61,11 +61,13 @@ WITH_OSMESA = pytest.param(
 )
 
 
+@pytest.mark.parametrize("optimized", [[], ["-O"], ["-OO"]], ids=["", "-O", "-OO"])
 @pytest.mark.parametrize("platform", ["egl", WITH_OSMESA])
-def test_the_platform_asked_for_is_the_one_used(platform: str) -> None:
+def test_the_platform_asked_for_is_the_one_used(platform: str, optimized: list[str]) -> None:
+    """Also of a Python that leaves out `assert`, within which pyrender makes its context."""
     code = "from uavbench.scenes.rendering import context; print(context.name(), context.version())"
     process = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, *optimized, "-c", code],
         env={**os.environ, "UAVBENCH_GL": platform},
         capture_output=True,
         text=True,
