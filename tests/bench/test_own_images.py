@@ -227,6 +227,10 @@ def test_images_in_order_whose_times_are_others_are_doubted(imported, own, poses
     shutil.rmtree(tmp_path / "box")
     late = np.r_[poses.stamps_ns[:9], poses.stamps_ns[9] + 3 * 66_666_667]
     assert imported(replace(poses, stamps_ns=late), tmp_path / "images").info["doubts"] == []
+    shutil.rmtree(tmp_path / "box")
+    twice = [own / f"frames/{k:06d}.png" for k in (*range(9), 8)]
+    with pytest.raises(UserWarning, match=r"after 000008.png comes 000008.png, .* where 0 s"):
+        imported(poses, twice)
 
 
 def test_poses_that_fit_better_in_another_convention_are_doubted_by_it(imported, trial):

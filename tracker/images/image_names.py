@@ -147,7 +147,9 @@ def doubts_of_counts(images: Sequence[Path], stamps_ns: NDArray[np.int64], name:
     if len(changing) != 1 or len(str(changing[0][-1])) >= STAMP_DIGITS:
         return []
     counted, times = _steps(changing[0]), np.diff(stamps_ns)
-    per_count = np.median(times / counted)
+    if not counted.any():
+        return []
+    per_count = np.median(times[counted != 0] / counted[counted != 0])
     off = np.flatnonzero(np.abs(times / per_count - counted) > OFF_COUNT)
     if not len(off) or not np.ptp(counted):
         return []
