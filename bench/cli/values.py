@@ -1,5 +1,6 @@
 """Types of arguments and options: paths and texts, of which an empty one is a variable of a script that is not set."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,16 @@ EMPTY = "is empty; is a variable of a script not set?"
 
 
 class FilePath(click.Path):
-    """A path; an empty one, which would be the current folder, is refused."""
+    """A path; an empty one, which would be the current folder, is refused, and one in a folder called `~`."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path of an argument."""
         if value == "":
             self.fail(EMPTY, param, ctx)
+        if isinstance(value, str) and (home := os.path.expanduser(value)) != value:  # noqa: PTH111, raises nothing
+            self.fail(
+                f"{value}: the shell put no home in place of ~, as after = or in quotes; write {home}", param, ctx
+            )
         return super().convert(value, param, ctx)
 
 

@@ -61,6 +61,24 @@ def test_a_variable_that_is_not_set_is_not_the_current_folder_nor_the_whole_suit
     assert not list((tmp_path / "empty").iterdir())
 
 
+@pytest.mark.parametrize("arguments", [
+    ("score", "SUITE", "--out=~/runs"),
+    ("export", "none", "--format", "tum", "--out=~"),
+    ("verify", "~/runs/box-s0"),
+])  # fmt: skip
+def test_a_home_that_the_shell_did_not_fill_in_is_no_folder_called_tilde(arguments, tmp_path, monkeypatch):
+    """Which whoever then removes it would remove with the home."""
+    suite = small_suite(tmp_path)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    monkeypatch.setenv("HOME", "/home/me")
+    done = uavbench(*(suite if each == "SUITE" else each for each in arguments))
+    assert done.exit_code == 2
+    assert "the shell put no home in place of ~" in " ".join(done.output.split())
+    assert "/home/me" in done.output
+    assert not list((tmp_path / "empty").iterdir())
+
+
 def interrupted(*_, **__):
     raise KeyboardInterrupt
 
