@@ -197,12 +197,17 @@ def within_reach(pose: Pose) -> bool:
 
 
 def stride(sequence: Sequence, rate_hz: float) -> int:
-    """Stride of the frames of a sequence that is nearest to rate_hz; UserError as `nearest_stride`."""
+    """Stride of the frames of a sequence that is nearest to rate_hz; UserError as `nearest_stride`.
+
+    Stamps have the rate of the record also where the link lost most frames, but for some that follow each other.
+    """
     told_hz = float(sequence.info.get("rate_hz", 0.0))
-    stamped_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns))) if len(sequence) > 1 else told_hz or rate_hz
-    with_jitter = abs(told_hz / stamped_hz - 1) < JITTERED
+    steps_ns = np.diff(sequence.stamps_ns)
+    stamped_hz = 1e9 / float(np.median(steps_ns)) if len(sequence) > 1 else told_hz or rate_hz
+    shortest = told_hz * float(steps_ns.min()) / 1e9 if len(sequence) > 1 else 1.0
+    of_record = told_hz / stamped_hz > 1 - JITTERED and shortest < 1 + JITTERED
     try:
-        return nearest_stride(told_hz if with_jitter else stamped_hz, rate_hz, sequence.name)
+        return nearest_stride(told_hz if of_record else stamped_hz, rate_hz, sequence.name)
     except UserError as error:
         raise UserError(f"rate_hz: {error}") from None
 

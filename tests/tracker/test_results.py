@@ -138,6 +138,16 @@ def test_the_rate_of_a_sequence_is_the_one_of_its_record_whatever_its_jitter(seq
     assert [stride(jittered, rate_hz) for rate_hz in (15, 7.5, 5, 3)] == [1, 2, 3, 5]
 
 
+def test_the_rate_of_a_sequence_is_the_one_of_its_record_whatever_the_link_lost(sequence):
+    """That of a twin of every second frame is half of it."""
+    numbers, info = np.arange(0, 60, 2), {**sequence.info, "rate_hz": 15.0}
+    lossy, twin = (replace(sequence, stamps_ns=66_666_667 * k, info=info) for k in (np.sort([*numbers, 7]), numbers))
+    assert [stride(lossy, rate_hz) for rate_hz in (15, 7.5, 5)] == [1, 2, 3]
+    assert [stride(twin, rate_hz) for rate_hz in (7.5, 3.75)] == [1, 2]
+    with pytest.raises(UserError, match=r"15 Hz is more than the 7.5 Hz"):
+        stride(twin, 15.0)
+
+
 def test_hold_stays_at_the_first_pose(sequence):
     results = track_sequence(Hold(), sequence, rate_hz=15, seed=0)
     assert isinstance(results.estimate, Trajectory)
