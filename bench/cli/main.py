@@ -15,6 +15,7 @@ from uavbench.bench.cli import challenge as cli_challenge
 from uavbench.bench.cli import files as cli_files
 from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
+from uavbench.bench.cli import scans as cli_scans
 from uavbench.bench.cli import suite as cli_suite
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import DISK_ERRORS, DiskError, UserError
@@ -106,7 +107,7 @@ def main() -> None:
     """Ground truth for model-based UAV localization: render flights, run trackers, score, report."""
 
 
-for group in (cli_suite, cli_files, cli_challenge, cli_gate, cli_plugins):
+for group in (cli_suite, cli_files, cli_scans, cli_challenge, cli_gate, cli_plugins):
     for command in group.COMMANDS:
         main.add_command(command)
 

@@ -38,6 +38,7 @@ from uavbench.scenes.model_files.polygons.off import as_obj
 from uavbench.scenes.model_files.polygons.ply import triangles_of
 from uavbench.scenes.model_files.polygons.ply_elements import with_plain_elements
 from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.scenes.primitives.meshes import TriangleMesh
 from uavbench.scenes.primitives.solids import Solid, covered
 from uavbench.scenes.renderables import STRUCTURE, BuiltStructure, Part
 from uavbench.scenes.structure import CREASE_ANGLE_DEG, Structure
@@ -101,6 +102,10 @@ class MeshFile:
         """
         return self._shaped(coloured=False)[0]
 
+    def mesh(self) -> TriangleMesh:
+        """The triangles of the file in their place, without a search for faces and edges; UserError as `build`."""
+        return TriangleMesh(*_whole(self._placed_pieces(coloured=False)))
+
     def _of(self, painted: Callable[[], Material]) -> BuiltStructure:
         structure, pieces = self._shaped()
         bare = painted()
@@ -110,22 +115,8 @@ class MeshFile:
     def _shaped(self, *, coloured: bool = True) -> tuple[Structure, list[Loaded]]:
         """The structure of the file's pieces, and these in its place; UserError naming the file and the defect."""
         path = Path(self.path)
-        if path.suffix.lower() == ".ifc" and self.unit != "m":
-            raise UserError(f'{path}: IFC names its own unit, and is read in metres; delete unit = "{self.unit}"')
-        pieces = _in_agreement([self._placed(piece) for piece in read(path, coloured=coloured)])
+        pieces = self._placed_pieces(coloured=coloured)
         vertices, triangles = _whole(pieces)
-        check(path, vertices, triangles, allow_open=self.allow_open)
-        if not self.keep_origin:
-            low, high = vertices.min(axis=0), vertices.max(axis=0)
-            shift = np.array([*((low + high) / 2)[:2], low[2]])
-            pieces = [piece.moved(np.eye(3), -shift) for piece in pieces]
-            vertices = vertices - shift
-        elif (far_m := float(np.abs(vertices).max())) > FARTHEST_M:
-            raise UserError(
-                f"{path}: keep_origin = true leaves the model {far_m / 1000:,.0f} km from the origin, farther than the "
-                "ground reaches; delete keep_origin from a suite's structure, or move the model in your modelling "
-                "program, and by as much the poses in its frame"
-            )
         try:
             structure = Structure.from_mesh(vertices, triangles, self.crease_angle_deg, self.min_edge_m)
         except ValueError as error:
@@ -136,6 +127,26 @@ class MeshFile:
                 f"min_edge_m ({self.min_edge_m})"
             )
         return structure, pieces
+
+    def _placed_pieces(self, *, coloured: bool) -> list[Loaded]:
+        """The pieces of the file in their place; UserError naming the file and the defect."""
+        path = Path(self.path)
+        if path.suffix.lower() == ".ifc" and self.unit != "m":
+            raise UserError(f'{path}: IFC names its own unit, and is read in metres; delete unit = "{self.unit}"')
+        pieces = _in_agreement([self._placed(piece) for piece in read(path, coloured=coloured)])
+        vertices, triangles = _whole(pieces)
+        check(path, vertices, triangles, allow_open=self.allow_open)
+        if not self.keep_origin:
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            shift = np.array([*((low + high) / 2)[:2], low[2]])
+            pieces = [piece.moved(np.eye(3), -shift) for piece in pieces]
+        elif (far_m := float(np.abs(vertices).max())) > FARTHEST_M:
+            raise UserError(
+                f"{path}: keep_origin = true leaves the model {far_m / 1000:,.0f} km from the origin, farther than the "
+                "ground reaches; delete keep_origin from a suite's structure, or move the model in your modelling "
+                "program, and by as much the poses in its frame"
+            )
+        return pieces
 
     def _placed(self, piece: Loaded) -> Loaded:
         y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))

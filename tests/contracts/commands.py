@@ -23,6 +23,10 @@ def calls(inputs, target):
         "twin": [["twin", inputs / "rendered", "--out", target]],
         "export": [["export", trial, "--format", form, "--out", target] for form in EXPORTS],
         "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
+        "planes": [
+            ["planes", inputs / "scan.ply", "--out", target],
+            ["planes", inputs / "scan.ply", "--out", target.with_suffix(".obj")],
+        ],
         "pick": [["pick", *real, "--no-browser", "--out", target]],
         "evaluate": [
             ["evaluate", *trajectories, "--plot", target],

@@ -10,6 +10,7 @@ import pytest
 from tests.bench.conftest import sketched  # noqa: F401, a fixture
 from tests.bench.drawn_scores import drawn, write
 from tests.bench.small_suites import FLOWN, small_suite
+from tests.scenes.scanned import fine_box, write_ply
 from uavbench.bench.challenge.organizer import Challenge, Hidden
 from uavbench.bench.challenge.scoring import score_submission
 from uavbench.bench.config.suite import load_suite
@@ -48,6 +49,7 @@ def inputs(tmp_path_factory):
     (folder / "init.toml").write_text(f"cam_from_model = {sequence.true_cam_from_world(0).matrix.tolist()}\n")
     for name in ("a.tum", "b.tum"):
         (folder / name).write_text("".join(f"{i}.0 {i} 0 0 0 0 0 1\n" for i in range(5)))
+    write_ply(folder / "scan.ply", *fine_box(0.02))
     cv2.imwrite(str(folder / "board.png"), np.zeros((120, 160), np.uint8))
     shutil.copytree(TRIAL, folder / "organizer" / "sequences" / "trial")
     Challenge("c", 5.0, {"sequence-01": Hidden("trial", "flight-1")}).save(folder / "organizer")

@@ -23,6 +23,7 @@ from uavbench.reports.scoring.score import score
 from uavbench.scenes.calibration import CALIBRATION
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import RENDERED, Sequence
+from uavbench.scenes.scans.planar_files import PLANAR
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.images.recorded_sequence import RECORDED
 from uavbench.tracker.run import track_sequence
@@ -48,7 +49,7 @@ FILES = [
     product("camera.toml", "calibrate"), product("init.toml", "pick"), product("speed.json", "speed"),
     product("errors.pdf", "evaluate"), product("picture.png", "evaluate"), product("score.json", "score-submission"),
     product("baseline.json", "gate"), product("history.json", "gate"), product("commands.md"),
-    product("table.md", "tables"),
+    product("table.md", "tables"), product("planar.obj", "planes"),
 ]  # fmt: skip
 FOLDERS = [
     product("suite", *SUITES), product("study", "sensitivity"), product("truth", "pack"), product("package", "pack"),
@@ -65,6 +66,7 @@ def make(inputs, folder):
     sequence, suite = Sequence.load(inputs / "trial"), load_suite(inputs / "small.toml")
     results = track_sequence(Hold(), sequence, rate_hz=5.0, seed=0)
     Camera.load(inputs / "trial" / "camera.toml").save(folder / "camera.toml", kind=CALIBRATION)
+    write_text(folder / "planar.obj", "# no faces\n", kind=PLANAR)
     write_text(folder / "init.toml", "points = []\n", kind=POINTS)
     write_text(folder / "commands.md", "# Commands\n", kind=REFERENCE)
     for name, kind in (("speed", BENCHMARKS), ("bisection/bisect", BISECTION), ("comparison/head/timing", TIMING)):

@@ -20,7 +20,7 @@ from uavbench.trajectories.kernels.pipeline import KernelCompiler
 
 SILENT = {"list", "schema", "verify", "third-party list"}
 """Commands that write nothing."""
-CAN_BE_BESIDE = {"evaluate", "tables"}
+CAN_BE_BESIDE = {"evaluate", "planes", "tables"}
 """Commands that make a file beside what is there where its name is free."""
 PRECIOUS = b"years of work"
 FILES = (

@@ -13,6 +13,7 @@ from pathlib import Path
 SEAL = b"uavbench-made-"
 COMMENTS = {
     ".toml": (b"# ", b"\n"),
+    ".obj": (b"# ", b"\n"),
     ".txt": (b"# ", b"\n"),
     ".md": (b"<!-- ", b" -->\n"),
     ".xml": (b"<!-- ", b" -->\n"),
