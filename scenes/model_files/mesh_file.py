@@ -2,6 +2,7 @@
 
 import io
 import logging
+import warnings
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -58,6 +59,10 @@ CLAMPED_UV = 0.01
 """How far a texture that must not repeat may be exceeded, in texture sizes: a pixel of one of 100 px."""
 OF_32_BITS = (".stl", ".ply", ".gltf", ".glb")
 """Types of files whose coordinates are, or may be, 32-bit numbers; those of text may be as whole as they look."""
+FEWEST_OF_A_SCAN = 2_000
+"""Triangles of a mesh that may be a scan: fewer hold some ten patches of which the noise could be told."""
+MOSTLY_NOISE = 0.5
+"""Part of a mesh's edges explained by its noise from which a user is told: 0.7 to 0.9 in scans, 0 in our models."""
 TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 
 
@@ -126,7 +131,24 @@ class MeshFile:
                 f"{path}: no edge is left for trackers; lower crease_angle_deg ({self.crease_angle_deg}) or "
                 f"min_edge_m ({self.min_edge_m})"
             )
+        self._warn_of_noise(structure)
         return structure, pieces
+
+    def _warn_of_noise(self, structure: Structure) -> None:
+        if len(structure.triangles) < FEWEST_OF_A_SCAN:
+            return
+        from uavbench.scenes.scans.roughness import roughness  # lazy: its kernels are compiled for scans alone
+
+        angle_deg = min(self.crease_angle_deg, CREASE_ANGLE_DEG)  # a larger one makes no fewer scans
+        found = roughness(structure.vertices, structure.triangles, angle_deg)
+        if found.share > MOSTLY_NOISE:
+            warnings.warn(
+                f"{self.path}: {100 * found.share:.0f} % of its edges of {angle_deg:g} degrees or more are noise, as "
+                f"of a scan: its surface is rough by {1000 * found.noise_m:.2g} mm, by which its triangles turn by "
+                f"{found.turn_deg:.0f} degrees, and trackers take that for edges of the structure; find its planes, "
+                f"whose borders are edges: uavbench planes {self.path} --out model.obj",
+                stacklevel=2,
+            )
 
     def _placed_pieces(self, *, coloured: bool) -> list[Loaded]:
         """The pieces of the file in their place; UserError naming the file and the defect."""

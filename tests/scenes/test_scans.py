@@ -1,12 +1,17 @@
 import warnings
+from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from tests.scenes.scanned import CORNERS, fine_box, scanned_box, write_ply
 from uavbench.bench.cli.main import main
 from uavbench.scenes.model_files.mesh_file import MeshFile
 from uavbench.scenes.scans.planar_model import PlanarModel
+from uavbench.scenes.scans.roughness import roughness
+from uavbench.scenes.structure import Structure
+from uavbench.scenes.structures.registry import STRUCTURES
 
 NOISE_M = 0.001
 BOX = scanned_box(NOISE_M)
@@ -102,3 +107,36 @@ def test_another_suffix_than_that_of_obj_is_refused(tmp_path):
     done = CliRunner().invoke(main, ["planes", "scan.ply", "--out", str(tmp_path / "model.ply")])
     assert done.exit_code == 2
     assert "the model is written as OBJ; name a file such as model.obj" in done.stderr
+
+
+@pytest.mark.parametrize("crease_angle_deg", [15.0, 40.0])
+def test_a_scan_that_is_read_as_it_is_is_told_as_noise(tmp_path, crease_angle_deg):
+    scan = write_ply(tmp_path / "scan.ply", *BOX)
+    with pytest.warns(
+        UserWarning,
+        match=r"scan.ply: \d+ % of its edges of 1. degrees or more are noise, as of a scan: .* uavbench planes ",
+    ):
+        MeshFile(str(scan), crease_angle_deg=crease_angle_deg).shape()
+
+
+def curved(n=90):
+    """A wavy sheet of n * n squares, which turn by up to 4 degrees, with a step of a few rows in it."""
+    x, y = np.meshgrid(np.linspace(0, 3, n), np.linspace(0, 3, n), indexing="ij")
+    z = 0.1 * np.sin(2 * x) * np.cos(2 * y) + 0.3 * (x > 1.5)
+    a = np.arange(n * n).reshape(n, n)
+    squares = np.stack([a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, :-1], a[1:, 1:], a[:-1, 1:]], axis=-1)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3), squares.reshape(-1, 3)
+
+
+def test_no_model_without_noise_is_told_as_noise():
+    kinds = [kind for name, kind in STRUCTURES.items() if name != "mesh"]
+    models = [kind().unpainted().structure for kind in kinds]
+    models += [Structure.from_mesh(*mesh) for mesh in (fine_box(0.01), curved())]
+    assert [roughness(model.vertices, model.triangles, 15.0).share for model in models] == [0.0] * len(models)
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parent.parent.parent.glob("**/*.obj")), ids=str)
+def test_no_model_of_the_repository_is_told_as_noise(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        MeshFile(str(path), allow_open=True).shape()
