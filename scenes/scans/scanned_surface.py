@@ -23,6 +23,8 @@ FLAT_SHARE = 0.25
 """Share of a scan's patches that have no edge in them, at least: the noise is the residual of this quantile."""
 FLAT = 0.03
 """Residual of a patch without an edge, in radii: that of one in two halves at right angles is 0.2."""
+RISE = 1.2
+"""Growth of a residual in radii up to which wider patches still show noise: edges make it grow, noise makes it fall."""
 
 
 class Patches(NamedTuple):
@@ -85,10 +87,11 @@ class ScannedSurface:
         some = np.linspace(0, len(triangles) - 1, ASKED).astype(np.int64)
         near = fitted_patches(all_rows, *about, PATCH_TRIANGLES)
         noise = float(np.quantile(near.residuals, FLAT_SHARE, method="lower"))
+        steep = max(FLAT, RISE * noise / float(np.sqrt(np.median(near.areas) / np.pi)))
         for count in WIDER:
             wide = fitted_patches(some, *about, count)
             residual = float(np.quantile(wide.residuals, FLAT_SHARE, method="lower"))
-            if residual < FLAT * float(np.sqrt(np.median(wide.areas) / np.pi)):
+            if residual < steep * float(np.sqrt(np.median(wide.areas) / np.pi)):
                 noise = max(noise, residual)
         return cls(vertices[used], triangles, centroids, areas, twins, near.normals, near.residuals, noise)
 

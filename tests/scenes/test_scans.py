@@ -10,6 +10,7 @@ from uavbench.bench.cli.main import main
 from uavbench.scenes.model_files.mesh_file import MeshFile
 from uavbench.scenes.scans.planar_model import PlanarModel
 from uavbench.scenes.scans.roughness import roughness
+from uavbench.scenes.scans.scanned_surface import ScannedSurface
 from uavbench.scenes.structure import Structure
 from uavbench.scenes.structures.registry import STRUCTURES
 
@@ -30,6 +31,11 @@ def test_a_noisy_box_with_round_borders_has_its_twelve_edges_where_they_are_by_t
     assert np.abs(corners_of(structure) - CORNERS).max() < 1.5 * NOISE_M
     assert 0.5 * NOISE_M < model.noise_m < 1.5 * NOISE_M
     assert model.left_out == 0.0
+
+
+@pytest.mark.parametrize("noise_m", [0.001, 0.003])
+def test_noise_that_neighbours_share_is_measured_to_a_factor_of_two(noise_m):
+    assert 0.5 * noise_m < ScannedSurface.of(*scanned_box(noise_m, seed=3)).noise_m < 2 * noise_m
 
 
 def test_an_exact_box_has_its_exact_edges():
