@@ -110,10 +110,11 @@ class RobustRun:
     def tracked(self, fit: Fit, image: Image, clock: StageClock) -> TrackResult:
         """The result of a frame with an accepted pose."""
         by_codes = self.fitter.moved_by_codes(fit, 1 if image.ndim == 2 else image.shape[2])
+        displaced = self.unit_weight.displaced(fit)
         return TrackResult(
             status="ok",
             cam_from_world=fit.cam_from_world,
-            covariance=self.unit_weight.covariance(fit.covariance, self.camera, by_codes),
+            covariance=self.unit_weight.covariance(fit.covariance, self.camera, by_codes) + displaced,
             stage_ms=clock.ms,
             control_points=fit.control_points,
             candidates=fit.candidates,

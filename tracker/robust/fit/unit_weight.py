@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.solver.bias_state import BiasState
-from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread
+from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread, left_by_displaced
 from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array
 
@@ -77,3 +77,14 @@ class UnitWeight:
         """
         shared2 = (SHARED_PX / camera.fy) ** 2, (SHARED_PX / camera.fx) ** 2
         return unchecked(reported)(of_fit, self.variance, by_codes, shared2)
+
+    def displaced(self, fit: Fit) -> Array:
+        """What `covariance` lacks (6, 6) where the edges of a fit are displaced alike, as by a model that is not exact.
+
+        It is weighed by how probable that is by their residuals. A fit follows those that happen to agree.
+        """
+        used = fit.residuals
+        if used is None:
+            return np.zeros((6, 6))
+        located = used.points.first, used.steps, used.step.to_numbers
+        return np.asarray(unchecked(left_by_displaced)(used.sums, used.edges, *located, fit.covariance, self.variance))
