@@ -14,7 +14,7 @@ from uavbench.tracker.robust.fit.pose_fit import MIN_POINTS, Fit
 from uavbench.tracker.robust.frames import Frame
 from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.places.places import Places, Recalled
-from uavbench.tracker.robust.relocalization.doubts import Doubts
+from uavbench.tracker.robust.relocalization.doubts import Doubts, is_by_chance
 from uavbench.tracker.robust.relocalization.look_alikes import LookAlikes, Lost, Verdict
 from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES, Contender, Likely, Sought, is_suspect
 from uavbench.tracker.robust.relocalization.relocate import Relocator
@@ -306,7 +306,8 @@ class Decider:
         is_sure = enough and found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
         # Where a pose is known well, by motion or by what the surface looks like, few are compared with it.
-        known = found.remembered or (found.expected and not first and self.is_led(frame, found.fit))
+        sole = not is_by_chance(found.fit, 1) if first else found.expected and self.is_led(frame, found.fit)
+        known = found.remembered or sole
         compared = found.near_done or (found.leads and known)
         settled = not rivalled and (is_sure or found.all_done or (compared and enough))
         if settled or found.all_done:
