@@ -153,7 +153,8 @@ def _faces(loops: list[Outline], planes: list[_Plane]) -> tuple[Array, Indices, 
     """Vertices (n, 3), triangles (m, 3) and their planes (m,) of the regions' loops, holes among them."""
     from manifold3d import triangulate
 
-    points, triangles, of, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], [0][:0], 0
+    points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    of: list[int] = []
     for region in sorted({loop.region for loop in loops}):
         own = [loop.points for loop in loops if loop.region == region]
         triangles.append(np.asarray(triangulate([planes[region].flat(at) for at in own]), dtype=np.int64) + count)

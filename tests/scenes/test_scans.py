@@ -14,6 +14,8 @@ from uavbench.scenes.scans.scanned_surface import ScannedSurface
 from uavbench.scenes.structure import Structure
 from uavbench.scenes.structures.registry import STRUCTURES
 
+ROOT = Path(__file__).parent.parent.parent
+MODELS = sorted(path for room in ("bench", "docs", "scenes", "tests") for path in (ROOT / room).glob("**/*.obj"))
 NOISE_M = 0.001
 BOX = scanned_box(NOISE_M)
 
@@ -141,7 +143,7 @@ def test_no_model_without_noise_is_told_as_noise():
     assert [roughness(model.vertices, model.triangles, 15.0).share for model in models] == [0.0] * len(models)
 
 
-@pytest.mark.parametrize("path", sorted(Path(__file__).parent.parent.parent.glob("**/*.obj")), ids=str)
+@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.name)
 def test_no_model_of_the_repository_is_told_as_noise(path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
