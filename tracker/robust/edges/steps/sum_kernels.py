@@ -109,13 +109,15 @@ def step_at(row: float, flatness: float) -> StepAt:
 
 
 @inlined(allocates=False)
-def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour: Array, sums: Sums) -> int:
+def sums_of_steps(
+    image: Image, edges: Array, start: float, strip: Strip, colour: Array, flatter: float, sums: Sums
+) -> int:
     """Number of pixels around a control point whose steps and light are summed up.
 
     edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
     on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
-    over `along` px. The first 2 k + 2 + r rows of the products in `sums` become those of these pixels; of pixels that
-    are blown out all terms are 0, since their light is not known.
+    over `along` px. flatter: FLATTER, or 0 for a normal blur. The first 2 k + 2 + r rows of the products in `sums`
+    become those of these pixels; of pixels that are blown out all terms are 0, since their light is not known.
     """
     h, w, channels = image.shape
     along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
@@ -128,7 +130,7 @@ def sums_of_steps(image: Image, edges: Array, start: float, strip: Strip, colour
     else:
         x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
     steps, pixels, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
-    per_px4 = FLATTER * widths_per_px**4
+    per_px4 = flatter * widths_per_px**4
     terms, light_block, light_column = sums.terms, steps // 2, 2 * (steps % 2)
     middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
     for k in range(-(along // every), along // every + 1):
