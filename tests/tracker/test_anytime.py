@@ -178,7 +178,7 @@ def test_poses_far_away_have_their_turn_whatever_those_near_cost(flight, evaluat
     assert max(begun) > 5
 
 
-@pytest.mark.parametrize("seed", [0, 4, 7])
+@pytest.mark.parametrize("seed", [0, 3, 7])
 def test_the_pose_at_one_of_two_equal_boxes_is_doubted_for_the_other_one(seed):
     """A track that the other box explains about as well is followed, but not believed."""
     run, poses, images = between_twins(seed, 10)

@@ -22,8 +22,8 @@ def blank(image):
 class AfterALoss:
     """A run that saw a box, and then blank frames; what comes then shows edges and faces that it has not learned."""
 
-    def __init__(self, known=False):
-        self.poses, self.images = flown(110, seed=11)
+    def __init__(self, known=False, seed=11):
+        self.poses, self.images = flown(110, seed=seed)
         self.run = Robust().start(box(), CAMERA, self.poses[0], np.random.default_rng(0))
         self.frame = 0
         assert {self.next().status for _ in range(LEARNED)} == {"ok"}
@@ -48,7 +48,7 @@ class AfterALoss:
 
 @pytest.fixture
 def run():
-    return AfterALoss()
+    return AfterALoss(seed=23)
 
 
 def test_it_begins_again_where_nothing_is_known_and_says_so_until_it_is_sure(run):
@@ -64,9 +64,11 @@ def test_it_begins_again_where_nothing_is_known_and_says_so_until_it_is_sure(run
 
 
 def test_what_was_known_returns_if_the_new_pose_is_not_confirmed(run):
-    while run.next().status != "ambiguous":
+    status = "lost"
+    while run.run.fitter.appearance is run.known.appearance:
         assert run.frame < LEARNED + LOST + 40
-    assert run.run.fitter.appearance is not run.known.appearance
+        status = run.next().status
+    assert status == "ambiguous"
     assert run.run.state.usual_support != run.usual
     assert run.next(blank).status == "lost"
     assert all(now is before for now, before in zip(run.run.fitter.memory[:3], run.known[:3], strict=True))

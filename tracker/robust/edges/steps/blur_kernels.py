@@ -64,7 +64,7 @@ def excess_blur(
             edges[k, NORMAL_U], edges[k, NORMAL_V] = lines[p, NORMAL_U], lines[p, NORMAL_V]
             edges[k, U] = lines[p, U] + moved * lines[p, NORMAL_U]
             edges[k, V] = lines[p, V] + moved * lines[p, NORMAL_V]
-        n = sums_of_steps(image, edges, 0.0, strip, colour, 0.0, sums)
+        n = sums_of_steps(image, edges, 0.0, strip, colour, False, sums)
         seen = products[size - 1, size - 1]
         if n == 0 or seen < n:
             continue

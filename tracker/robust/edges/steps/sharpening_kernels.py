@@ -116,7 +116,7 @@ def excess_of_points(
             edges[k, NORMAL_U], edges[k, NORMAL_V] = lines[p, NORMAL_U], lines[p, NORMAL_V]
             edges[k, U] = lines[p, U] + (distance[p] + moved[k]) * lines[p, NORMAL_U]
             edges[k, V] = lines[p, V] + (distance[p] + moved[k]) * lines[p, NORMAL_V]
-        n = sums_of_steps(image, edges, 0.0, strip, colour, 0.0, sums)
+        n = sums_of_steps(image, edges, 0.0, strip, colour, False, sums)
         if n == 0 or sums.products[2 * COMPONENTS + 1, 2 * COMPONENTS + 1] < n:
             continue
         found = excess_of(sums.products, n, height, sharpened)

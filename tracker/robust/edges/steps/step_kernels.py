@@ -13,7 +13,7 @@ import numpy as np
 
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.profile_kernels import Image
-from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, FLATTER, Strip, Sums, sums_of_steps
+from uavbench.tracker.robust.edges.steps.sum_kernels import ACROSS, Strip, Sums, sums_of_steps
 from uavbench.trajectories.kernels.compiled import inlined
 from uavbench.trajectories.pose import Array
 
@@ -91,7 +91,7 @@ def fit_step(image: Image, edges: Array, start: float, strip: Strip, colour: Arr
     derivatives of the distance for the response, where there are several steps for their own distances, and the misfit
     are in `sums`.
     """
-    steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, FLATTER, sums)
+    steps, n = len(edges), sums_of_steps(image, edges, start, strip, colour, True, sums)
     products, last, rows = sums.products, 2 * steps + 1, len(sums.by_response)
     seen = products[last, last]
     if n < 3 * ACROSS or not seen > LEAST_SEEN * n:

@@ -15,12 +15,9 @@ from uavbench.tracker.robust.edges.steps.optics_kernels import BLOWN_OUT
 from uavbench.tracker.robust.edges.steps.step_kernels import NO_STEP, Alone, Step, fit_alone
 from uavbench.tracker.robust.edges.steps.sum_kernels import (
     ACROSS,
-    FLATTER,
-    MIDDLE,
     REACH_PX,
-    STEPS_PER_WIDTH,
     Strip,
-    flatness_of,
+    blur_of,
     step_at,
 )
 from uavbench.trajectories.kernels.compiled import compiled, inlined
@@ -109,15 +106,8 @@ def sum_products(edge: Array, strip: Strip, mean: MeanLines) -> float:
     Returns by how much the squares of the slope times the distances of the lines of a place from their mean sum up: the
     light of a step of height 1 differs by as much among them.
     """
-    products, nu, nv, widths_per_px, apart = (
-        mean.products,
-        edge[NORMAL_U],
-        edge[NORMAL_V],
-        1.0 / strip.optics.blur_px,
-        0.0,
-    )
-    across, rows_per_px = nu if abs(nu) >= abs(nv) else nv, STEPS_PER_WIDTH * widths_per_px
-    flatness = flatness_of(nu, nv, FLATTER * widths_per_px**4)
+    nu, nv, products, apart = edge[NORMAL_U], edge[NORMAL_V], mean.products, 0.0
+    each_px, blur = nu if abs(nu) >= abs(nv) else nv, blur_of(nu, nv, strip.optics.blur_px)
     products[:] = 0.0
     for at in range(PLACES):
         n = mean.lines[at]
@@ -125,10 +115,9 @@ def sum_products(edge: Array, strip: Strip, mean: MeanLines) -> float:
             continue
         first_px = mean.first_px[at] / n
         apart_px2 = max(0.0, mean.first_px2[at] - n * first_px * first_px)
-        first, each = first_px * rows_per_px + MIDDLE, across * rows_per_px
         for x in range(ACROSS):
-            blurred = step_at(first + x * each, flatness)
-            H, S, L = blurred.step, blurred.slope * widths_per_px, mean.light[at, x]
+            blurred = step_at(first_px + x * each_px, blur)
+            H, S, L = blurred.step, blurred.slope, mean.light[at, x]
             mean.step[at, x], mean.slope[at, x] = H, S
             products[0, 0] += n * H * H
             products[1, 0] += n * S * H

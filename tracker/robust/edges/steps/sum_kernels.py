@@ -26,10 +26,10 @@ AT = np.arange(-MIDDLE, MIDDLE + 1) / STEPS_PER_WIDTH
 STEP = np.array([0.5 * (1 + math.erf(s / math.sqrt(2))) for s in AT])
 SLOPE = np.exp(-0.5 * np.square(AT)) / math.sqrt(2 * math.pi)
 """H and H' of a normal blur at AT, in standard deviations of it."""
-BLURRED = np.stack([STEP, AT * (AT**2 - 3) * SLOPE, SLOPE, (AT**2 * (6 - AT**2) - 3) * SLOPE], axis=1)
-"""H at AT and what flatness adds to it, H' and what flatness adds to that."""
-FLATTER = 1 / (24 * 120)
-"""A 24th of the fourth cumulant of an even distribution over a pixel's width, -1/120 px^4, without its sign."""
+RAMP = AT * STEP + SLOPE
+"""The integral of H there."""
+LEAST_REST_PX = 0.05
+"""Least standard deviation of what else than pixels blurs an edge: that of a lens so sharp is not told."""
 TILE = 4
 """Rows and columns of the products that are summed up together, which the registers of a processor hold."""
 
@@ -61,8 +61,21 @@ class Sums(NamedTuple):
     misfit: Array
 
 
+class EdgeBlur(NamedTuple):
+    """The blur of an edge: even over the longer extent of a pixel across it, and normal for the rest.
+
+    per_rest: inverse of the standard deviation of the rest, 1/px; half: half of that extent in such deviations, and
+    per_half its inverse; reach_px: distance from the edge beyond which there is nothing of the blur.
+    """
+
+    per_rest: float
+    half: float
+    per_half: float
+    reach_px: float
+
+
 class StepAt(NamedTuple):
-    """A blurred step of height 1, and its slope per standard deviation of the blur."""
+    """A blurred step of height 1, and its slope per pixel."""
 
     step: float
     slope: float
@@ -85,39 +98,46 @@ def room_for(steps: int, derivatives: int, beside: int) -> Sums:
 
 
 @inlined(allocates=False)
-def flatness_of(nu: float, nv: float, per_px4: float) -> float:
-    """By how much the blur of an edge of this normal is flatter than a normal distribution, since pixels have an area.
+def blur_of(nu: float, nv: float, blur_px: float) -> EdgeBlur:
+    """The blur of an edge of this normal in an image of this blur, the standard deviation of all of it.
 
-    per_px4: FLATTER over the fourth power of the blur. A pixel's extent across the edge is the sum of two independent
-    ones, of its width and height: so are its cumulants.
+    A pixel's area is even; across an edge it has the extents of its width and height, independent of each other.
     """
-    nu2, nv2 = nu * nu, nv * nv
-    return float(per_px4 * (nu2 * nu2 + nv2 * nv2))
+    width = max(abs(nu), abs(nv))
+    rest = math.sqrt(max(LEAST_REST_PX * LEAST_REST_PX, blur_px * blur_px - width * width / 12.0))
+    return EdgeBlur(1.0 / rest, 0.5 * width / rest, 2.0 * rest / width, 0.5 * width + WIDTHS * rest)
 
 
 @inlined(allocates=False)
-def step_at(row: float, flatness: float) -> StepAt:
-    """H and H' at a row of their table, or between two, of a blur of this flatness.
+def step_at(away_px: float, blur: EdgeBlur) -> StepAt:
+    """H and H' so many px beyond an edge."""
+    if abs(away_px) >= blur.reach_px:
+        return StepAt(1.0 if away_px > 0.0 else 0.0, 0.0)
+    z, half = away_px * blur.per_rest, blur.half
+    low, high = nearest_row(z - half), nearest_row(z + half)
+    beside_low, beside_high = z - half - AT[low], z + half - AT[high]
+    ramp = RAMP[high] + beside_high * STEP[high] - RAMP[low] - beside_low * STEP[low]
+    step = STEP[high] + beside_high * SLOPE[high] - STEP[low] - beside_low * SLOPE[low]
+    return StepAt(0.5 * blur.per_half * ramp, 0.5 * blur.per_half * blur.per_rest * step)
 
-    Edgeworth's expansion of a distribution that is nearly normal, to its fourth cumulant (Cramér 1946, section 17.7).
-    """
-    row = min(max(row, 0.0), 2.0 * MIDDLE)
-    near = np.uint32(row + 0.5)
-    slope = BLURRED[near, 2]
-    step = BLURRED[near, 0] + (row - np.int32(near)) / STEPS_PER_WIDTH * slope + flatness * BLURRED[near, 1]
-    return StepAt(step, slope + flatness * BLURRED[near, 3])
+
+@inlined(allocates=False)
+def nearest_row(z: float) -> int:
+    """Row of the tables that is next to so many standard deviations."""
+    return np.uint32(min(max(z * STEPS_PER_WIDTH + MIDDLE, 0.0), 2.0 * MIDDLE) + 0.5)
 
 
 @inlined(allocates=False)
 def sums_of_steps(
-    image: Image, edges: Array, start: float, strip: Strip, colour: Array, flatter: float, sums: Sums
+    image: Image, edges: Array, start: float, strip: Strip, colour: Array, is_even: bool, sums: Sums
 ) -> int:
     """Number of pixels around a control point whose steps and light are summed up.
 
     edges (k, 4): pixel and normal of the point's edge and of those beside it, all moved by `start` px. The pixels are
     on scan lines, rows or columns, that cross the edge more steeply: about `beside` to either side of the point, spread
-    over `along` px. flatter: FLATTER, or 0 for a normal blur. The first 2 k + 2 + r rows of the products in `sums`
-    become those of these pixels; of pixels that are blown out all terms are 0, since their light is not known.
+    over `along` px. is_even: whether pixels have an even area; otherwise all of the blur is taken for normal. The first
+    2 k + 2 + r rows of the products in `sums` become those of these pixels; of pixels that are blown out all terms are
+    0, since their light is not known.
     """
     h, w, channels = image.shape
     along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
@@ -129,8 +149,7 @@ def sums_of_steps(
         x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
     else:
         x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
-    steps, pixels, rows_per_px = len(edges), 0, STEPS_PER_WIDTH * widths_per_px
-    per_px4 = flatter * widths_per_px**4
+    steps, pixels = len(edges), 0
     terms, light_block, light_column = sums.terms, steps // 2, 2 * (steps % 2)
     middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
     for k in range(-(along // every), along // every + 1):
@@ -142,14 +161,18 @@ def sums_of_steps(
         for i in range(steps):
             mu, mv = edges[i, NORMAL_U], edges[i, NORMAL_V]
             away = (u0 - edges[i, U]) * mu + (v0 - edges[i, V]) * mv - start
-            first, each = away * rows_per_px + MIDDLE, (mu if by_rows else mv) * rows_per_px
-            block, odd, flatness = i // 2, i % 2 == 1, flatness_of(mu, mv, per_px4)
+            each_px, block, odd = mu if by_rows else mv, i // 2, i % 2 == 1
+            blur = blur_of(mu, mv, strip.optics.blur_px)
             for x in range(ACROSS):
-                at = step_at(first + x * each, flatness)
-                if odd:
-                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = at.step, at.slope * widths_per_px
+                if is_even:
+                    at = step_at(away + x * each_px, blur)
                 else:
-                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = at.step, at.slope * widths_per_px
+                    row = nearest_row((away + x * each_px) * widths_per_px)
+                    at = StepAt(STEP[row], SLOPE[row] * widths_per_px)
+                if odd:
+                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = at.step, at.slope
+                else:
+                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = at.step, at.slope
         brightest = 0
         for x in range(ACROSS):
             column, row = (low + x, y) if by_rows else (y, low + x)
