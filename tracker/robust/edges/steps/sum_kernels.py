@@ -122,7 +122,7 @@ def step_at(away_px: float, blur: EdgeBlur) -> StepAt:
 
 
 @inlined(allocates=False)
-def nearest_row(z: float) -> int:
+def nearest_row(z: float) -> np.uint32:
     """Row of the tables that is next to so many standard deviations."""
     return np.uint32(min(max(z * STEPS_PER_WIDTH + MIDDLE, 0.0), 2.0 * MIDDLE) + 0.5)
 
@@ -167,8 +167,8 @@ def sums_of_steps(
                 if is_even:
                     at = step_at(away + x * each_px, blur)
                 else:
-                    row = nearest_row((away + x * each_px) * widths_per_px)
-                    at = StepAt(STEP[row], SLOPE[row] * widths_per_px)
+                    near = nearest_row((away + x * each_px) * widths_per_px)
+                    at = StepAt(STEP[near], SLOPE[near] * widths_per_px)
                 if odd:
                     terms[block, pixels + x, 2], terms[block, pixels + x, 3] = at.step, at.slope
                 else:
