@@ -50,10 +50,11 @@ def warm_up_command() -> None:
     from uavbench.bench.closed_loop import fly
     from uavbench.bench.runner import tasks
     from uavbench.scenes.decoding import jpeg_damage
-    from uavbench.scenes.png import encoder  # with these four, every module with kernels is imported
+    from uavbench.scenes.png import encoder
+    from uavbench.scenes.scans import planar_model  # with these five, every module with kernels is imported
     from uavbench.trajectories.kernels.warm_up import kernels_of, prepare
 
-    modules = (fly.__name__, tasks.__name__, jpeg_damage.__name__, encoder.__name__)
+    modules = tuple(each.__name__ for each in (fly, tasks, jpeg_damage, encoder, planar_model))
     prepare(*modules)
     say(f"{len(kernels_of(modules))} kernels are compiled")
 

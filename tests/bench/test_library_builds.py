@@ -20,7 +20,7 @@ from uavbench.bench.inputs.plugin_files import _distributions
 from uavbench.scenes.model_files.mesh_file import MeshFile
 
 PYPROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-OF_THE_COMMAND_ALONE = {"annotated-types", "click", "tqdm"}
+OF_THE_COMMAND_ALONE = {"annotated-types", "click", "manifold3d", "tqdm"}
 """Dependencies that change no file that a job writes."""
 WITHOUT_KEPT_RESULTS = {
     "dask": "runs jobs, whose keys its workers compare",
