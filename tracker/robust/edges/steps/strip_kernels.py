@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
+from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.edges.steps.optics_kernels import BLOWN_OUT
 from uavbench.tracker.robust.edges.steps.step_kernels import NO_STEP, Alone, Step, fit_alone
@@ -18,6 +18,9 @@ from uavbench.tracker.robust.edges.steps.sum_kernels import (
     REACH_PX,
     Strip,
     blur_of,
+    crossed_at,
+    first_pixel,
+    scan_across,
     step_at,
 )
 from uavbench.trajectories.kernels.compiled import compiled, inlined
@@ -65,30 +68,24 @@ def sum_lines(image: Image, edge: Array, start: float, strip: Strip, colour: Arr
 
     Negative where a pixel is blown out, whose light is not known.
     """
-    h, w, channels = image.shape
-    nu, nv, light_of, square, brightest = edge[NORMAL_U], edge[NORMAL_V], strip.optics.light, 0.0, 0
-    u, v = edge[U] + start * nu, edge[V] + start * nv
-    by_rows = abs(nu) >= abs(nv)
-    if by_rows:
-        x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
-    else:
-        x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
+    channels, light_of, square, brightest = image.shape[2], strip.optics.light, 0.0, 0
+    scan = scan_across(image, edge, start)
     for array in (mean.lines, mean.first_px, mean.first_px2):
         array[:] = 0.0
     mean.light[:] = 0.0
-    middle = int(y0 + 0.5)
-    for y in range(max(0, middle - strip.along), min(height, middle + strip.along + 1)):
-        crossed = x0 - (y - y0) * ny / nx
-        low = int(crossed + 0.5) - REACH_PX
-        if low < 0 or low + 2 * REACH_PX >= width:
+    middle = int(scan.y0 + 0.5)
+    for y in range(max(0, middle - strip.along), min(scan.height, middle + strip.along + 1)):
+        crossed = crossed_at(scan, y)
+        low = first_pixel(scan, crossed)
+        if low < 0:
             continue
         away = low - crossed
         at = min(PLACES - 1, max(0, int((away + REACH_PX + 0.5) * PLACES)))
         mean.lines[at] += 1.0
-        mean.first_px[at] += away * nx
-        mean.first_px2[at] += away * away * nx * nx
+        mean.first_px[at] += away * scan.nx
+        mean.first_px2[at] += away * away * scan.nx * scan.nx
         for x in range(ACROSS):
-            column, row = (low + x, y) if by_rows else (y, low + x)
+            column, row = (low + x, y) if scan.by_rows else (y, low + x)
             light = 0.0
             for c in range(channels):
                 code = image[row, column, c]

@@ -48,7 +48,8 @@ class Sums(NamedTuple):
     terms (m, p, TILE): in so many blocks of columns, at each of p pixels, H and H' of each step, the light, 1, and the
     light's derivatives. products (TILE m, TILE m): its lower half is their sums over all pixels. A (k + 1, k + 1),
     x (k + 1,): normal equations of the heights and the shift. height (k,). shares (k,): derivatives of the shift for
-    those of each step. by_response (r,): derivatives of the shift. misfit (ACROSS,): see `write_misfit`.
+    those of each step. by_response (r,): derivatives of the shift. misfit (ACROSS,): see `write_misfit`. lines (n, 2):
+    first pixel and number of each scan line.
     """
 
     terms: Array
@@ -59,6 +60,21 @@ class Sums(NamedTuple):
     shares: Array
     by_response: Array
     misfit: Array
+    lines: Array
+
+
+class Scan(NamedTuple):
+    """How an edge crosses the scan lines of an image, rows or columns: place and normal along and across a line, and
+    how many pixels a line has, and how many lines there are.
+    """
+
+    by_rows: bool
+    x0: float
+    y0: float
+    nx: float
+    ny: float
+    width: int
+    height: int
 
 
 class EdgeBlur(NamedTuple):
@@ -94,6 +110,7 @@ def room_for(steps: int, derivatives: int, beside: int) -> Sums:
         np.empty(steps),
         np.empty(derivatives),
         np.empty(ACROSS),
+        np.empty((2 * beside + 1, 2), np.int64),
     )
 
 
@@ -128,6 +145,29 @@ def nearest_row(z: float) -> np.uint32:
 
 
 @inlined(allocates=False)
+def scan_across(image: Image, edge: Array, start: float) -> Scan:
+    """The scan lines of an image that cross an edge (4,), moved by `start` px, more steeply."""
+    nu, nv = edge[NORMAL_U], edge[NORMAL_V]
+    u, v = edge[U] + start * nu, edge[V] + start * nv
+    if abs(nu) >= abs(nv):
+        return Scan(True, u, v, nu, nv, image.shape[1], image.shape[0])
+    return Scan(False, v, u, nv, nu, image.shape[0], image.shape[1])
+
+
+@inlined(allocates=False)
+def crossed_at(scan: Scan, y: int) -> float:
+    """Where the edge crosses a scan line."""
+    return scan.x0 - (y - scan.y0) * scan.ny / scan.nx
+
+
+@inlined(allocates=False)
+def first_pixel(scan: Scan, crossed: float) -> int:
+    """First of the ACROSS pixels about a place of a scan line, -1 where they are not all in the image."""
+    low = int(crossed + 0.5) - REACH_PX
+    return low if low >= 0 and low + ACROSS <= scan.width else -1
+
+
+@inlined(allocates=False)
 def sums_of_steps(
     image: Image, edges: Array, start: float, strip: Strip, colour: Array, is_even: bool, sums: Sums
 ) -> int:
@@ -139,66 +179,84 @@ def sums_of_steps(
     2 k + 2 + r rows of the products in `sums` become those of these pixels; of pixels that are blown out all terms are
     0, since their light is not known.
     """
-    h, w, channels = image.shape
-    along, beside, widths_per_px = strip.along, strip.beside, 1.0 / strip.optics.blur_px
-    light_of = strip.optics.light
-    nu, nv = edges[0, NORMAL_U], edges[0, NORMAL_V]
-    u, v = edges[0, U] + start * nu, edges[0, V] + start * nv
-    by_rows = abs(nu) >= abs(nv)
-    if by_rows:
-        x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
-    else:
-        x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
-    steps, pixels = len(edges), 0
-    terms, light_block, light_column = sums.terms, steps // 2, 2 * (steps % 2)
-    middle, every = int(y0 + 0.5), max(1, (along + beside - 1) // beside)
-    for k in range(-(along // every), along // every + 1):
+    scan, lines, pixels = scan_across(image, edges[0], start), sums.lines, 0
+    middle, every = int(scan.y0 + 0.5), max(1, (strip.along + strip.beside - 1) // strip.beside)
+    for k in range(-(strip.along // every), strip.along // every + 1):
         y = middle + k * every
-        low = int(x0 - (y - y0) * ny / nx + 0.5) - REACH_PX
-        if y < 0 or y >= height or low < 0 or low + 2 * REACH_PX >= width:
+        if y < 0 or y >= scan.height:
             continue
-        u0, v0 = (low, y) if by_rows else (y, low)
-        for i in range(steps):
-            mu, mv = edges[i, NORMAL_U], edges[i, NORMAL_V]
-            away = (u0 - edges[i, U]) * mu + (v0 - edges[i, V]) * mv - start
-            each_px, block, odd = mu if by_rows else mv, i // 2, i % 2 == 1
-            blur = blur_of(mu, mv, strip.optics.blur_px)
-            for x in range(ACROSS):
-                if is_even:
-                    at = step_at(away + x * each_px, blur)
-                else:
-                    near = nearest_row((away + x * each_px) * widths_per_px)
-                    at = StepAt(STEP[near], SLOPE[near] * widths_per_px)
-                if odd:
-                    terms[block, pixels + x, 2], terms[block, pixels + x, 3] = at.step, at.slope
-                else:
-                    terms[block, pixels + x, 0], terms[block, pixels + x, 1] = at.step, at.slope
-        brightest = 0
+        low = first_pixel(scan, crossed_at(scan, y))
+        if low >= 0:
+            lines[pixels // ACROSS, 0], lines[pixels // ACROSS, 1] = low, y
+            pixels += ACROSS
+    crossed = lines[: pixels // ACROSS]
+    for i in range(len(edges)):
+        if is_even:
+            write_even_step(edges, i, start, strip.optics.blur_px, scan.by_rows, crossed, sums.terms)
+        else:
+            write_normal_step(edges, i, start, strip.optics.blur_px, scan.by_rows, crossed, sums.terms)
+    write_light(image, len(edges), strip.optics.light, colour, scan.by_rows, crossed, sums.terms)
+    for i in range((2 * len(edges) + 2 + len(strip.optics.light) - 1 + TILE - 1) // TILE):
+        for j in range(i):
+            sum_tile(sums.terms, i, j, pixels, sums.products)
+        sum_half_tile(sums.terms, i, pixels, sums.products)
+    return pixels
+
+
+@inlined(allocates=False)
+def write_even_step(
+    edges: Array, i: int, start: float, blur_px: float, by_rows: bool, lines: Array, terms: Array
+) -> None:
+    """Write H and H' of an edge of (k, 4), blurred by pixels of an even area, at all pixels of scan lines (n, 2)."""
+    u0, v0, nu, nv = edges[i, U], edges[i, V], edges[i, NORMAL_U], edges[i, NORMAL_V]
+    each_px, blur, block, column = nu if by_rows else nv, blur_of(nu, nv, blur_px), i // 2, 2 * (i % 2)
+    for k in range(len(lines)):
+        u, v = (lines[k, 0], lines[k, 1]) if by_rows else (lines[k, 1], lines[k, 0])
+        away = (u - u0) * nu + (v - v0) * nv - start
         for x in range(ACROSS):
-            column, row = (low + x, y) if by_rows else (y, low + x)
-            light = 0.0
-            for c in range(channels):
-                code = image[row, column, c]
-                brightest = max(brightest, int(code))
-                light += colour[c] * light_of[0, code]
-            terms[light_block, pixels + x, light_column] = light
-            terms[light_block, pixels + x, light_column + 1] = 1.0
-        for r in range(len(light_of) - 1):
-            at_block, at_column = divmod(2 * steps + 2 + r, TILE)
+            at = step_at(away + x * each_px, blur)
+            terms[block, ACROSS * k + x, column], terms[block, ACROSS * k + x, column + 1] = at.step, at.slope
+
+
+@inlined(allocates=False)
+def write_normal_step(
+    edges: Array, i: int, start: float, blur_px: float, by_rows: bool, lines: Array, terms: Array
+) -> None:
+    """As `write_even_step`, of a blur that is normal."""
+    u0, v0, nu, nv = edges[i, U], edges[i, V], edges[i, NORMAL_U], edges[i, NORMAL_V]
+    each_px, widths_per_px, block, column = nu if by_rows else nv, 1.0 / blur_px, i // 2, 2 * (i % 2)
+    for k in range(len(lines)):
+        u, v = (lines[k, 0], lines[k, 1]) if by_rows else (lines[k, 1], lines[k, 0])
+        away = (u - u0) * nu + (v - v0) * nv - start
+        for x in range(ACROSS):
+            near = nearest_row((away + x * each_px) * widths_per_px)
+            terms[block, ACROSS * k + x, column] = STEP[near]
+            terms[block, ACROSS * k + x, column + 1] = SLOPE[near] * widths_per_px
+
+
+@inlined(allocates=False)
+def write_light(
+    image: Image, steps: int, light_of: Array, colour: Array, by_rows: bool, lines: Array, terms: Array
+) -> None:
+    """Write the light of all pixels of scan lines (n, 2), 1, and the light's derivatives, after the terms of so many
+    steps; where a pixel is blown out all of its terms are 0.
+    """
+    for k in range(len(lines)):
+        low, y, pixels, brightest = lines[k, 0], lines[k, 1], ACROSS * k, 0
+        for r in range(len(light_of)):
+            at_block, at_column = divmod(2 * steps + (1 + r if r > 0 else 0), TILE)
             for x in range(ACROSS):
                 column, row = (low + x, y) if by_rows else (y, low + x)
                 light = 0.0
-                for c in range(channels):
-                    light += colour[c] * light_of[1 + r, image[row, column, c]]
+                for c in range(image.shape[2]):
+                    code = image[row, column, c]
+                    brightest = max(brightest, int(code))
+                    light += colour[c] * light_of[r, code]
                 terms[at_block, pixels + x, at_column] = light
+        at_block, at_column = divmod(2 * steps + 1, TILE)
+        terms[at_block, pixels : pixels + ACROSS, at_column] = 1.0
         if brightest >= BLOWN_OUT:
             leave_out_blown(image, by_rows, low, y, colour, terms[:, pixels : pixels + ACROSS])
-        pixels += ACROSS
-    for i in range((2 * steps + 2 + len(light_of) - 1 + TILE - 1) // TILE):
-        for j in range(i):
-            sum_tile(terms, i, j, pixels, sums.products)
-        sum_half_tile(terms, i, pixels, sums.products)
-    return pixels
 
 
 @inlined(allocates=False)
