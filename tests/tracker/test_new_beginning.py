@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, box, flown
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, look_at
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.robust.tracker import Robust
 
@@ -79,7 +79,7 @@ def test_what_was_known_returns_if_the_new_pose_is_not_confirmed(run):
 @pytest.fixture
 def doubtful(monkeypatch):
     """The same run, which knows the box; but chance may find as much as it finds of it."""
-    monkeypatch.setattr(TrackState, "is_beyond_doubt", lambda *_: False)
+    monkeypatch.setattr(TrackState, "is_recognized", lambda *_: False)
     return AfterALoss(known=True)
 
 
@@ -98,3 +98,19 @@ def test_what_was_known_returns_if_a_doubted_pose_after_a_loss_is_not_confirmed(
     assert doubtful.next(blank).status == "lost"
     assert doubtful.run.state.frames_ok == LEARNED
     assert all(now is before for now, before in zip(doubtful.run.fitter.memory[:3], doubtful.known[:3], strict=True))
+
+
+@pytest.mark.parametrize(("height_m", "seed"), [(0.22, 1), (0.3, 0)])
+def test_a_box_seen_from_the_front_is_recognized_by_its_label_after_a_loss(height_m, seed):
+    """Fits that know nothing of the label leave open how far such a view is turned."""
+    ks = np.arange(24)
+    eyes = np.column_stack([0.05 * np.sin(ks / 6 + seed), np.full(24, -1.0), height_m + 0.02 * np.sin(ks / 9)])
+    scene, rng, statuses = Scene([box_corners()], seed=seed), np.random.default_rng(seed), []
+    poses = [look_at(eye, (0.0, 0.0, 0.15)) for eye in eyes]
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    for k, pose in enumerate(poses):
+        image = scene.render(pose, noise_rng=rng)
+        result = run.track(blank(image) if 8 <= k < 15 else image, k * STEP_NS)
+        statuses.append(result.status)
+        assert result.status != "ok" or error_m(result.cam_from_world, pose) < 0.01
+    assert set(statuses[:8] + statuses[15:]) == {"ok"}

@@ -253,6 +253,10 @@ class TrackState:
         """Whether hardly a pose among all those of a search, or near landmarks, finds as many edges by chance."""
         return fit.chance.edges + self.log10_searched(fit, landmarks) < self.config.loss.log10_false_alarms
 
+    def is_recognized(self, fit: Fit) -> bool:
+        """Whether hardly a pose among all those of a search finds as much of edges and patches by chance."""
+        return fit.log10_false_alarms(SEARCHED_POSES) < self.config.loss.log10_false_alarms
+
     def return_to(self, before: "TrackState") -> None:
         """Return to an earlier state."""
         for each in fields(self):

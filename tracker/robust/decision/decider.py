@@ -104,11 +104,11 @@ class Decider:
         """Whether a fit after a loss, or one that a search found, may be another pose near the right one.
 
         told: it was told from those at which the structure looks alike. Then it is not if the last pose is recent, or
-        if chance leaves no doubt; nor where the vehicle said, or where the run was going.
+        if its edges and patches leave no doubt; nor where the vehicle said, or where the run was going.
         """
         now_s = self.fitter.now_s
         recent = self.state.told_before_s(now_s) < self.config.slow_s
-        if self.beginnings.in_doubt or (told and (recent or self.state.is_beyond_doubt(fit))):
+        if self.beginnings.in_doubt or (told and (recent or self.state.is_recognized(fit))):
             return False
         if frame.extrapolated_s == 0.0:
             return not self.state.is_expected(fit, frame.predicted)
