@@ -94,7 +94,7 @@ class Structure:
         left, right = pair_triangles[:, 0], pair_triangles[:, 1]
         cosine = np.where(both, np.einsum("ij,ij->i", normals[left], normals[right]), -1.0)
         flat = both & (cosine > np.cos(np.radians(COPLANAR_ANGLE_DEG)))
-        triangle_face = _components(len(triangles), left[flat], right[flat])
+        triangle_face = components(len(triangles), left[flat], right[flat])
         n_faces = int(triangle_face.max()) + 1
         face_normals = np.zeros((n_faces, 3))
         np.add.at(face_normals, triangle_face, normals * areas[:, None])
@@ -261,7 +261,7 @@ def _by_sides(triangles: list[int], upward: list[bool], normals: Array) -> list[
     return out
 
 
-def _components(n: int, a: Indices, b: Indices) -> Indices:
+def components(n: int, a: Indices, b: Indices) -> Indices:
     """Connected-component labels (n,) of a graph of n nodes and edges a-b, numbered by their first node."""
     from scipy.sparse import coo_array  # lazy: trackers do not need it
     from scipy.sparse.csgraph import connected_components

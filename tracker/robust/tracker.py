@@ -9,6 +9,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image, check_stamp, check_start
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision.decider import Decider, Decision
+from uavbench.tracker.robust.edges.edge_graph import members_of
 from uavbench.tracker.robust.fit.edge_fit import EdgeFitter
 from uavbench.tracker.robust.fit.pose_fit import Fit
 from uavbench.tracker.robust.fit.unit_weight import UnitWeight
@@ -59,7 +60,8 @@ class RobustRun:
         self.frames = Frames(self.fitter, self.state, config)
         self.decider = Decider(self.fitter, camera, self.state, config)
         self.follower = Follower(self.fitter, self.state, self.decider.relocator.searcher, config)
-        self.unit_weight = UnitWeight(config.edges.appearance.learning_rate)
+        rate, width_px = config.edges.appearance.learning_rate, config.solver.estimator.last_width_px
+        self.unit_weight = UnitWeight(rate, members=members_of(self.fitter.edges.ends), width_px=width_px)
         self.expected: Motion | None = None
 
     def predict(self, cam_from_world: Pose, covariance: Array) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
+from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure, components
 from uavbench.tracker.robust.edges.beside.contact_kernels import BESIDE_EDGE, faces_beside
 from uavbench.tracker.robust.edges.beside.inward_kernels import into_faces
 from uavbench.tracker.robust.edges.beside.shown import Beside, shown_faces
@@ -105,6 +105,17 @@ def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:
         return structure
     edges = np.concatenate([structure.edges, every.edges[new]])
     return replace(structure, edges=edges, edge_faces=np.concatenate([structure.edge_faces, every.edge_faces[new]]))
+
+
+def members_of(ends: Array) -> Indices:
+    """The member (e,) that each edge with its ends (e, 2, 3) is of: edges that meet at a vertex are of the same one.
+
+    A window in a wall is one, and so is the wall about it. Parts of a structure that stand beside each other are.
+    """
+    vertices = row_numbers((ends + 0.0).reshape(-1, 3).view(np.int64))  # no number is a negative zero
+    _, vertex = np.unique(vertices, return_inverse=True)
+    one, two = vertex.reshape(-1, 2).T
+    return np.asarray(components(len(ends) * 2, one, two)[one])
 
 
 def _smooth(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:

@@ -1,13 +1,17 @@
 """Scale of the covariance that is reported: the variance of unit weight, learned from how the edges spread."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.tracker.robust.fit.pose_fit import Fit
+from uavbench.tracker.robust.config.solver import EstimatorConfig
+from uavbench.tracker.robust.edges.columns import BOTH_FACES
+from uavbench.tracker.robust.fit.displaced_kernels import left_by_displaced
+from uavbench.tracker.robust.fit.pose_fit import NO_ROWS, Fit
 from uavbench.tracker.robust.solver.bias_state import BiasState
-from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread, left_by_displaced
+from uavbench.tracker.robust.solver.spread_kernels import Spread, edge_spread, mean_residuals
 from uavbench.trajectories.kernels.compiled import compiled, unchecked
 from uavbench.trajectories.pose import Array
 
@@ -21,6 +25,8 @@ CODES_PART2 = 1 / 3
 """Mean square of the part of an image's blur, beyond that of a pixel, that is of its codes, and not of its light as is
 thought: any from none to all is as likely. Not tuned."""
 NOTHING_SEEN = Spread(0.0, 0.0)
+
+Indices = NDArray[np.int64]
 
 
 @compiled("f2 f0 f1 (f0 f0)")
@@ -41,11 +47,17 @@ def reported(of_fit: Array, variance: float, by_codes: Array, shared2: tuple[flo
 
 @dataclass
 class UnitWeight:
-    """Running means of the edges' spread in the frames of a run, a new one of which weighs at least `rate`."""
+    """Running means of the edges' spread in the frames of a run, a new one of which weighs at least `rate`.
+
+    members (e,): the member that each of the model's edges is of; none where each is one. width_px: of the last
+    iteration of a fit.
+    """
 
     rate: float
     spread: Spread = NOTHING_SEEN
     frames: int = 0
+    members: Indices = field(default_factory=lambda: NO_ROWS)
+    width_px: float = EstimatorConfig().last_width_px
 
     def learn(self, fit: Fit, state: BiasState) -> None:
         """Update with the fit of an accepted frame; nothing is learned from one without edges between the pixels."""
@@ -86,5 +98,8 @@ class UnitWeight:
         used = fit.residuals
         if used is None:
             return np.zeros((6, 6))
-        located = used.points.first, used.steps, used.step.to_numbers
-        return np.asarray(unchecked(left_by_displaced)(used.sums, used.edges, *located, fit.covariance, self.variance))
+        residual = unchecked(mean_residuals)(used.sums, used.points.first, used.steps, used.step.to_numbers)
+        rows = used.edges.rows
+        members = self.members[rows // BOTH_FACES] if len(self.members) else rows
+        given = used.sums, used.edges, residual, members, fit.covariance
+        return np.asarray(unchecked(left_by_displaced)(*given, self.variance, self.width_px))

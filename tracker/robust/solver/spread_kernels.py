@@ -25,10 +25,6 @@ from uavbench.trajectories.pose import Array
 Indices = NDArray[np.int64]
 LEAST_LEFT = 1e-6
 """Least part of the variance of an edge's mean residual that a fit leaves of it: it is positive but for rounding."""
-SCALE_STEPS = 30
-"""Steps of expectation maximization to the scale of residuals, which has converged to a part of 10^-3 then."""
-MOST_EXPONENT = 700.0
-"""Largest exponent that floating point numbers hold."""
 
 
 class Joint(NamedTuple):
@@ -131,7 +127,7 @@ def means_of_edges(sums: FrameSums, edges: EdgeOffsets, state: BiasState, residu
     return MeansOfEdges(information, pull, squares)
 
 
-@compiled("sums i1 i1 f1", inner=True, sums=FRAME_SUMS)
+@compiled("sums i1 i1 f1", sums=FRAME_SUMS)
 def mean_residuals(sums: FrameSums, first: Indices, steps: Indices, to_numbers: Array) -> Array:
     """Mean residuals (g,) of the edges in view, px, NaN where no control point is located. Arguments as below."""
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
@@ -180,76 +176,3 @@ def moved_by(sums: FrameSums, edges: EdgeOffsets, state: BiasState, displaced_px
         for j in range(6):
             twist[i] += covariance[i, j] * means.vector[j]
     return twist
-
-
-class Displaced(NamedTuple):
-    """Whether the edges of a frame are displaced as draws of one normal distribution, and its variance, px^2."""
-
-    probability: float
-    variance_px2: float
-
-
-@compiled("f1 f0", inner=True)
-def displaced_alike(residual: Array, freedom: float) -> Displaced:
-    """Whether mean residuals (g,), those that are not NaN, of so many degrees of freedom, are of one variance.
-
-    The other half of the prior probability has that each edge has a variance of its own, of any size: with one degree
-    of freedom, so that the residuals are of a Cauchy distribution (Andrews & Mallows 1974). The scales of both are
-    those of most likelihood.
-    """
-    n, squares = 0.0, 0.0
-    for r in residual:
-        if not math.isnan(r):
-            n, squares = n + 1.0, squares + r * r
-    if not squares > 0.0:
-        return Displaced(0.0, 0.0)
-    one = -0.5 * n * (math.log(2.0 * math.pi * squares / n) + 1.0)
-    scale2 = squares / n
-    for _ in range(SCALE_STEPS):
-        weighed = 0.0
-        for r in residual:
-            if not math.isnan(r):
-                weighed += 2.0 * r * r / (1.0 + r * r / scale2)
-        scale2 = weighed / n
-    own = -n * math.log(math.pi * math.sqrt(scale2))
-    for r in residual:
-        if not math.isnan(r):
-            own -= math.log(1.0 + r * r / scale2)
-    return Displaced(1.0 / (1.0 + math.exp(min(MOST_EXPONENT, own - one))), squares / max(1.0, freedom))
-
-
-@compiled("sums edges i1 i1 f1 f2 f0", sums=FRAME_SUMS, edges=EDGE_OFFSETS)
-def left_by_displaced(
-    sums: FrameSums,
-    edges: EdgeOffsets,
-    first: Indices,
-    steps: Indices,
-    to_numbers: Array,
-    covariance: Array,
-    unit_variance: float,
-) -> Array:
-    """What a covariance (6, 6) with a variance of unit weight lacks, expected over whether edges are displaced alike.
-
-    If they are, those that a fit follows are no better than the others: each has the one variance, where that is more
-    than what was assumed of it, and the fit stays the one that it is (sandwich: White 1980). Other arguments as of
-    `edge_spread`.
-    """
-    S, s = sums.offset_weight, sums.offset_jacobian
-    residual, freedom = mean_residuals(sums, first, steps, to_numbers), 0.0
-    moved, assumed_px2 = np.zeros((len(S), 6)), np.zeros(len(S))
-    for g in range(len(S)):
-        if math.isnan(residual[g]):
-            continue
-        assumed_px2[g], follows = edges.variance_px2[g] + edges.kind_px2[g] + 1.0 / S[g], 0.0
-        for i in range(6):
-            for j in range(6):
-                moved[g, i] += covariance[i, j] * s[g, j] / (S[g] * assumed_px2[g])
-            follows += s[g, i] / S[g] * moved[g, i]
-        freedom += 1.0 - follows
-    alike, more = displaced_alike(residual, freedom), np.zeros((6, 6))
-    for g in range(len(S)):
-        px2 = alike.probability * max(0.0, alike.variance_px2 - unit_variance * assumed_px2[g])
-        for i in range(6):
-            for j in range(6):
-                more[i, j] += px2 * (moved[g, i] * moved[g, j])
-    return more
