@@ -1,5 +1,6 @@
 """The command `uavbench`: its groups of subcommands, signals and error messages."""
 
+import errno
 import signal
 import sys
 import threading
@@ -60,6 +61,15 @@ def told(error: UserError, command: str | None) -> int:
     """Print the message of an error that ended a command; the exit code."""
     say(f"uavbench: {error}", err=True)
     return 1 if isinstance(error, DiskError) and command not in VERDICTS else 2
+
+
+def code_of_lost_output(error: OSError) -> int:
+    """Say that standard output was not written, unless its reader has left; the exit code in place of 0."""
+    command = next((word for word in sys.argv[1:] if word in main.commands), None)
+    if error.errno == errno.EPIPE:
+        return 1
+    why = error.strerror or str(error)
+    return told(DiskError(f"standard output: {why}; what the command prints is lost, its files are not"), command)
 
 
 def refuse_no_working_folder() -> None:

@@ -16,6 +16,7 @@ from uavbench.trajectories.errors import Terminated
 from uavbench.trajectories.lost_signals import raise_lost_signals_again
 from uavbench.trajectories.processes.forked import ending_what_forked_off
 from uavbench.trajectories.processes.guard_process import die_with, end_descendants, is_guard
+from uavbench.trajectories.processes.standard_streams import forgive_lost_output
 
 _is_called = False
 _told = 0
@@ -43,7 +44,10 @@ def started(needed: str, module: str, start: str, *arguments: Any) -> None:
 
     Imports make no garbage: collections during them took a tenth of their time, and each full one later went through
     all that they made, together 0.2 s. So there is none during them, and what they made is left out from then on.
+
+    A plug-in that prints does not fail where standard output is full, nor what a library says end in a user's file.
     """
+    forgive_lost_output()
     gc.disable()
     import_module(needed)
     function = getattr(import_module(module), start)

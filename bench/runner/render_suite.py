@@ -21,6 +21,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import given_path
+from uavbench.trajectories.processes.standard_streams import open_closed_streams
 
 NOT_RENDERED: dict[str, Any] = {"title": "Sequences of a script", "trackers": {"hold": {"kind": "hold"}}}
 """Required keys of a suite besides its sequences, for suites of which only these are rendered."""
@@ -45,6 +46,7 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
     ...     [frame.image.shape for frame in sequence][:2]
     [(48, 64, 3), (48, 64, 3)]
     """
+    open_closed_streams()  # a script may run without standard error
     checked = _suite(suite)
     folder = resolved(given_path("out", out) if out is not None else Path("out") / checked.name)
     planned = partial(plan, checked, folder, last="render")

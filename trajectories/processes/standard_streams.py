@@ -1,0 +1,70 @@
+"""Standard streams that can be written to, whatever the shell made of them: closed, or a file on a full disk.
+
+The next file that is opened gets the lowest descriptor that is free. Where standard error is closed, that is 2, and
+what native libraries say (OpenGL's, OpenCV's) goes into the midst of a user's file.
+"""
+
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+NAMES = ("stdin", "stdout", "stderr")
+"""Names in `sys` of the descriptors 0, 1 and 2."""
+
+
+class Forgiving(io.FileIO):
+    """Writer to a descriptor that takes what cannot be written for written, and keeps the first error."""
+
+    lost: OSError | None = None
+
+    def write(self, data: Any, /) -> Any:
+        """Bytes that were written, or are lost; None where a descriptor that does not block would."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.lost = self.lost or error
+            return memoryview(data).nbytes
+
+
+def open_closed_streams() -> None:
+    """Open the null device in place of each standard stream that is closed; the others remain as they are.
+
+    To be called before any file is opened that stays open.
+    """
+    for number, name in enumerate(NAMES):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number, which is this one
+            os.set_inheritable(number, True)
+        if getattr(sys, name) is None:
+            raw = io.FileIO(number, "rb" if name == "stdin" else "wb", closefd=False)
+            buffer = io.BufferedReader(raw) if name == "stdin" else io.BufferedWriter(raw)
+            setattr(sys, name, io.TextIOWrapper(buffer, "utf-8", "backslashreplace"))
+
+
+def forgive_lost_output() -> Forgiving | None:
+    """Make standard output and error streams to which no write fails; the writer of the output, which tells a loss.
+
+    None where the output is no descriptor, as in a notebook. Closed streams are opened first.
+    """
+    open_closed_streams()
+    sys.stderr = _forgiving(sys.stderr)
+    sys.stdout = _forgiving(sys.stdout)
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    return raw if isinstance(raw, Forgiving) else None
+
+
+def _forgiving(stream: TextIO) -> TextIO:
+    """A text stream with a Forgiving writer; other kinds of stream as they are."""
+    if not isinstance(stream, io.TextIOWrapper) or stream.fileno() > 2:
+        return stream
+    stream.flush()
+    return io.TextIOWrapper(
+        io.BufferedWriter(Forgiving(stream.fileno(), "wb", closefd=False)),
+        encoding=stream.encoding,
+        errors=stream.errors,
+        line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
+    )
