@@ -21,7 +21,7 @@ class Consistency:
     95 % interval of the mean of a consistent tracker whose errors last as long: the mean times `effective` is then
     about chi-square with 6 `effective` degrees of freedom (Satterthwaite 1946, Biometrics Bulletin 2); of a single
     pose when n is 0; inside: share of the n + singular frames within the central 95 % of chi-square with 6 degrees of
-    freedom; sharpness_*: median standard deviation of position and of rotation.
+    freedom; sharpness_*: median standard deviation of position and of rotation, of the pose whose errors are scored.
     """
 
     n: int

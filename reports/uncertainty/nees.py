@@ -11,7 +11,7 @@ from uavbench.reports.uncertainty.consistency import Consistency, consistency_of
 from uavbench.reports.uncertainty.whitened_errors import SINGULAR, squares, whitened
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
-from uavbench.trajectories.pose import Array, hat
+from uavbench.trajectories.pose import Array, Pose, hat
 
 
 def nees(sequence: Sequence, results: Results) -> Array:
@@ -31,9 +31,11 @@ def whitened_twists(sequence: Sequence, results: Results) -> Array:
 
 
 def consistency(sequence: Sequence, results: Results) -> Consistency | None:
-    """Summary of the NEES of a run; None when its tracker claims no covariance."""
-    spreads = [np.diag(r.covariance) for r in results.rows if r.covariance is not None]
-    return consistency_of(whitened_twists(sequence, results), np.array(spreads))
+    """Summary of the NEES of a run; None when its tracker claims no covariance.
+
+    Its sharpness is that of the pose whose errors are scored, `world_from_body`; NEES is the same for every point.
+    """
+    return consistency_of(whitened_twists(sequence, results), _body_variances(results))
 
 
 def is_singular(covariance: Array) -> bool:
@@ -58,10 +60,35 @@ def component_sigmas(results: Results) -> Array:
             continue
         R = row.cam_from_world.rotation.T
         J = np.zeros((6, 6))
-        J[:3, :3], J[:3, 3:] = -R, R @ hat(mount.translation)
+        J[:3] = _of_position(row.cam_from_world, mount)
         J[3:, 3:] = -np.linalg.solve(_euler_rates(R @ mount.rotation), R)
-        out[i] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, row.covariance, J), 0.0))
+        out[i] = np.sqrt(_variances(J, row.covariance))
     return out
+
+
+def _body_variances(results: Results) -> Array:
+    """Variances (m, 6) of the position of the body in world axes (m^2) and of its rotation in the camera's (rad^2).
+
+    Of the m rows with a pose and a covariance; they sum to the same in all axes.
+    """
+    J = np.eye(6)
+    rows = []
+    for row in results.rows:
+        if row.cam_from_world is not None and row.covariance is not None:
+            J[:3] = _of_position(row.cam_from_world, results.cam_from_body)
+            rows.append(_variances(J, row.covariance))
+    return np.array(rows).reshape(-1, 6)
+
+
+def _of_position(cam_from_world: Pose, cam_from_body: Pose) -> Array:
+    """Jacobian (3, 6) of the position of the body in the world with respect to the twist of `cam_from_world`."""
+    R = cam_from_world.rotation.T
+    return np.hstack([-R, R @ hat(cam_from_body.translation)])
+
+
+def _variances(J: Array, covariance: Array) -> Array:
+    """Diagonal (k,) of J P J^T for J (k, n), without what round-off makes negative."""
+    return np.asarray(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
 
 
 def euler_zyx(q: Array) -> Array:

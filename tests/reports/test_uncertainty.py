@@ -102,6 +102,17 @@ def test_sigmas_of_the_components_are_those_of_numerical_derivatives(sequence: S
     assert found[1] == pytest.approx(np.sqrt(np.diag(J @ P @ J.T)), rel=1e-5)
 
 
+def test_sharpness_is_that_of_the_body_whose_errors_are_scored(sequence: Sequence) -> None:
+    """A camera 10 m from the middle of the body, sure of its position, and by 0.01 rad not of its rotation."""
+    P = np.diag([1e-12, 1e-12, 1e-12, 1e-4, 1e-4, 1e-4])
+    results = claims(sequence, np.full((3, 6), 1e-3), [P, P, P])
+    far = Pose(MOUNT.rotation, np.array([0.0, 0.0, 10.0]))
+    found = consistency(sequence, replace(results, record={**results.record, "cam_from_body": far.matrix.tolist()}))
+    assert found is not None
+    assert found.sharpness_m == pytest.approx(10.0 * 0.01 * np.sqrt(2), rel=1e-6)  # across the arm, in two directions
+    assert found.sharpness_deg == pytest.approx(np.degrees(0.01 * np.sqrt(3)))
+
+
 def test_euler_angles_are_those_of_scipy() -> None:
     q = np.random.default_rng(1).normal(size=(50, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
