@@ -16,7 +16,7 @@ from uavbench.reports.evaluation.doubts.plausibility import (
     doubts_of_origin,
 )
 from uavbench.reports.evaluation.gaps import usual_step_ns
-from uavbench.tracker.images.image_names import doubts_of_counts
+from uavbench.tracker.images.image_names import doubts_of_counts, doubts_of_order
 from uavbench.tracker.images.image_times import doubts_of_own_times
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -58,5 +58,5 @@ def doubts_of_stamps(
             f"{name}: its poses are a second apart, and so are the images: are its stamps numbers of frames? Write "
             "their times, or give rate_hz"
         )
-    yield from doubts_of_counts(images, stamps_ns, name)
+    yield from doubts_of_order(images) or doubts_of_counts(images, stamps_ns, name)
     yield from doubts_of_own_times(images[0].parent, stamps_ns, name)

@@ -228,6 +228,9 @@ def test_images_in_order_whose_times_are_others_are_doubted(imported, own, poses
     late = np.r_[poses.stamps_ns[:9], poses.stamps_ns[9] + 3 * 66_666_667]
     assert imported(replace(poses, stamps_ns=late), tmp_path / "images").info["doubts"] == []
     shutil.rmtree(tmp_path / "box")
+    with pytest.raises(UserWarning, match=r"000008.png is given after 000009.png: images are taken in the order in"):
+        imported(poses, [own / f"frames/{k:06d}.png" for k in reversed(range(10))])
+    shutil.rmtree(tmp_path / "box")
     twice = [own / f"frames/{k:06d}.png" for k in (*range(9), 8)]
     with pytest.raises(UserWarning, match=r"after 000008.png comes 000008.png, .* where 0 s"):
         imported(poses, twice)

@@ -43,6 +43,8 @@ def named(*names):
         ["2.0007.png", "2.0008.png", "3.0001.png", "3.0002.png"],
         ["1.8.png", "1.9.png", "1.10.png", "1.11.png"],
         ["1.9.png", "1.10.png"],
+        ["1.1.png", "1.2.png", "2.1.png", "2.2.png"],
+        ["1.8_left.png", "1.9_left.png", "1.10_left.png"],
     ],
 )
 def test_names_without_gaps_leave_no_doubt(names):
@@ -80,6 +82,11 @@ def test_names_without_gaps_leave_no_doubt(names):
             "look like times .* 1 / 15 s apart",
         ),
         ([f"{k:04d}_{1305031102.8 + k / 30:.6f}.png" for k in range(9)], "look like times .* 1 / 15 s apart"),
+        ([f"{k / 10:.1f}.png" for k in range(25)], "look like times .* taken 1 / 15 s apart; correct"),
+        (["0.png", "0.5.png", "1.png", "1.5.png"], "look like times .* taken 1 / 15 s apart; correct"),
+        (["5.png", "4.png", "3.png"], "flight: 4.png is given after 5.png: images are taken in the order in which"),
+        ([f"{k / 2}.png" for k in (3, 2, 1, 0)], "flight: 1.0.png is given after 1.5.png"),
+        (["1_01.png", "1_02.png", "0_01.png"], "flight: 0_01.png is given after 1_02.png"),
         (["left1.png", "left2.png", "right1.png"], "right1.png follows left2.png: if these are of different cameras"),
     ],
 )
@@ -103,6 +110,21 @@ def test_images_named_by_seconds_are_in_the_order_of_time(tmp_path, prefix, firs
     for name in reversed(names):
         (tmp_path / name).touch()
     assert [path.name for path in in_order(tmp_path)] == names
+
+
+@pytest.mark.parametrize("form", ["{:g}.png", "img_{:.4g}.png", "t={:.4g}s.png", "{:.6g}_left.png"])
+@pytest.mark.parametrize("rate_hz", [2, 4, 15, 30, 100 / 7])
+def test_whole_seconds_may_be_without_decimals(tmp_path, form, rate_hz):
+    names = [form.format(k / rate_hz) for k in range(70)]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names
+    stamps = stamps_in_names(in_order(tmp_path))
+    assert stamps is not None and np.allclose(stamps / 1e9, np.arange(70) / rate_hz, atol=6e-3)
+
+
+def test_images_of_two_flights_may_be_given_one_after_the_other():
+    assert doubts_of_names([Path(f"{flight}/{k}.png") for flight in "ab" for k in range(3)], 15.0) == []
 
 
 def test_images_of_takes_are_in_the_order_of_their_counts(tmp_path):

@@ -19,8 +19,10 @@ MOST_STAMP_DIGITS = 19
 """Digits of ns since 1970 until 2261, the largest that 64 bits hold."""
 UNITS = (1e3, 1e6, 1e9)
 """Steps of such numbers in a second."""
-SECONDS = re.compile(r"(?:.*[^0-9])?([0-9]+)\.([0-9]+)")
-"""Name that ends in a number with decimals, or in two numbers, as of a take and its images."""
+SECONDS = re.compile(r"((?:.*[^0-9])?)([0-9]+)\.([0-9]+)([^0-9]*)")
+"""Name whose last number has decimals, or that ends in two numbers, as of a take and its images."""
+WHOLE_SECONDS = re.compile(r"((?:.*[^0-9.])?)([0-9]+)([^0-9]*)")
+"""Name with a whole number in the place of these: many programs write 0 and 0.5, not 0.0 and 0.5."""
 EPOCH_DIGITS, MOST_COUNTED_DIGITS = 10, 8
 """Digits of whole seconds since 1970 from 2001 on; of the largest count of images behind a point."""
 DATE_TIME = re.compile(
@@ -47,12 +49,16 @@ def in_seconds(images: Sequence[Path]) -> bool:
     """Whether the names end in seconds with decimals, as in TUM RGB-D: `0.2` comes after `0.133333` then.
 
     Two counts, as of takes and their images, are no such: counts are as wide as each other, or have no zeros in front
-    and are not evenly apart if read as seconds.
+    and are not evenly apart if read as seconds. Those of takes do not go on from 9 with 0 of the next one.
     """
     found = [SECONDS.fullmatch(path.stem) for path in images]
-    pairs = [(each[1], each[2]) for each in found if each]
-    if not pairs or len(pairs) < len(found):
+    pairs = [(each[2], each[3]) for each in found if each]
+    if not pairs:
         return False
+    if len(pairs) < len(found):
+        around = {(each[1], each[4]) for each in found if each}
+        others = [WHOLE_SECONDS.fullmatch(path.stem) for path, each in zip(images, found, strict=True) if each is None]
+        return len(around | {(each[1], each[3]) if each else ("", None) for each in others}) == 1
     if any(len(whole) >= EPOCH_DIGITS or len(part) > MOST_COUNTED_DIGITS for whole, part in pairs):
         return True
     if len({len(part) for _, part in pairs}) > 1:
@@ -60,8 +66,12 @@ def in_seconds(images: Sequence[Path]) -> bool:
         even = len(steps_s) > 1 and np.ptp(steps_s) < JITTER * steps_s.mean()
         return bool(even) or any(part.startswith("0") and len(part) > 1 for _, part in pairs)
     counts = sorted((int(whole), int(part)) for whole, part in pairs)
+    if counts[0][0] == counts[-1][0]:
+        return False
     steps = {after[1] - before[1] for before, after in pairwise(counts) if after[0] == before[0]}
-    return counts[0][0] != counts[-1][0] and bool(steps - {1})
+    return bool(steps - {1}) or {
+        int(after) - int(before) for before, after in pairwise(sorted(map("".join, pairs)))
+    } == {1}
 
 
 def refuse_twins(images: Sequence[Path]) -> None:
@@ -93,6 +103,19 @@ def stamps_in_names(images: Sequence[Path]) -> NDArray[np.int64] | None:
     return stamps_ns if (np.diff(stamps_ns) > 0).all() else None
 
 
+def doubts_of_order(images: Sequence[Path]) -> list[str]:
+    """Message on images of a folder that are given in another order than that of the numbers in their names."""
+    seconds = in_seconds(images)
+    for before, after in pairwise(images):
+        first, second = by_numbers(before.stem, seconds), by_numbers(after.stem, seconds)
+        if before.parent == after.parent and first[::2] == second[::2] and second < first:
+            return [
+                f"{before.parent}: {after.name} is given after {before.name}: images are taken in the order in which "
+                "they are given; where that is not the order of time, sort them"
+            ]
+    return []
+
+
 def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     """Messages on images in order of their names that seem to be missing, of several cameras, or to have own times.
 
@@ -106,6 +129,8 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     seconds = in_seconds(images)
     parts = [by_numbers(path.stem, seconds) for path in images]
     texts = [part[::2] for part in parts]
+    if back := doubts_of_order(images):
+        return back
     other = next((k for k, text in enumerate(texts) if text != texts[0]), 0)
     if other:
         return [
@@ -124,7 +149,10 @@ def doubts_of_names(images: Sequence[Path], rate_hz: float) -> list[str]:
     if len(changing) != 1:
         return []
     steps = _steps(changing[0])
-    gaps = np.flatnonzero(steps > steps.min())
+    steps[[before.parent != after.parent for before, after in pairwise(images)]] = np.nan
+    if np.isnan(steps).all():
+        return []
+    gaps = np.flatnonzero(steps > np.nanmin(steps))
     if not len(gaps):
         return []
     k = int(gaps[0])
