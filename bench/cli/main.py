@@ -1,6 +1,7 @@
 """The command `uavbench`: its groups of subcommands, signals and error messages."""
 
 import errno
+import os
 import signal
 import sys
 import threading
@@ -80,6 +81,19 @@ def refuse_no_working_folder() -> None:
         raise UserError("the current folder has been removed; change into another one, or into it again") from None
 
 
+def check_thread_counts() -> None:
+    """UserError for a NUMBA_NUM_THREADS that numba cannot be imported with; make OMP_NUM_THREADS readable for NumExpr.
+
+    pandas imports NumExpr where it is installed, which fails for what OpenMP allows there: one number for each level.
+    """
+    count = os.environ.get("NUMBA_NUM_THREADS", "").strip()
+    if count.lstrip("+-").isdecimal() and int(count) < 1:
+        raise UserError(f"the environment variable NUMBA_NUM_THREADS is {count}; set it to 1 or more, or unset it")
+    first, *levels = os.environ.get("OMP_NUM_THREADS", "").split(",")
+    if levels and first.strip().isdecimal():
+        os.environ.setdefault("NUMEXPR_NUM_THREADS", first.strip())
+
+
 class Group(click.Group):
     """Prints user errors and I/O errors as one message, without a traceback.
 
@@ -98,6 +112,7 @@ class Group(click.Group):
         try:
             with lost_signals_raised_again(), interrupts():
                 refuse_no_working_folder()
+                check_thread_counts()
                 return super().invoke(ctx)
         except UserError as error:
             ctx.exit(told(error, ctx.invoked_subcommand))

@@ -1,5 +1,9 @@
 """Help and mistakes on the command line, as a terminal of 80 columns shows them."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 from click.testing import CliRunner
 
@@ -100,3 +104,26 @@ def test_a_current_folder_that_was_removed_is_told(arguments, tmp_path, monkeypa
     done = uavbench(*arguments, *(("--format", "tum", "--out", "tum") if arguments[0] == "export" else ()))
     assert done.exit_code == 2
     assert done.stderr == ("uavbench: the current folder has been removed; change into another one, or into it again\n")
+
+
+def in_process(*words, **variables):
+    environment = {**os.environ, **variables}
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False, env=environment)
+
+
+def test_a_number_of_threads_that_numba_does_not_take_is_told():
+    done = in_process("-m", "uavbench", "run", "nosuch", NUMBA_NUM_THREADS="0")
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "NUMBA_NUM_THREADS is 0; set it to 1 or more, or unset it" in done.stderr
+
+
+def test_pandas_is_imported_where_openmp_has_a_number_of_threads_for_each_level(tmp_path):
+    """It imports NumExpr, which is not always installed, and reads one number only."""
+    (tmp_path / "numexpr.py").write_text(
+        "import os\n__version__ = '99'\nint(os.environ.get('NUMEXPR_NUM_THREADS') or os.environ['OMP_NUM_THREADS'])\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    code = "from click.testing import CliRunner; from uavbench.bench.cli.main import main; "
+    code += "CliRunner().invoke(main, ['list']); import pandas"
+    done = in_process("-c", code, OMP_NUM_THREADS="4,2", PYTHONPATH=path)
+    assert done.returncode == 0, done.stderr
