@@ -73,12 +73,13 @@ def code_of_lost_output(error: OSError) -> int:
     return told(DiskError(f"standard output: {why}; what the command prints is lost, its files are not"), command)
 
 
-def refuse_no_working_folder() -> None:
-    """UserError when the current folder was removed, as by a clean checkout: no relative path means anything there."""
+def no_working_folder() -> UserError | None:
+    """Error where the current folder was removed, as by a clean checkout: no relative path means anything there."""
     try:
         Path.cwd()
     except FileNotFoundError:
-        raise UserError("the current folder has been removed; change into another one, or into it again") from None
+        return UserError("the current folder has been removed; change into another one, or into it again")
+    return None
 
 
 def check_thread_counts() -> None:
@@ -111,12 +112,15 @@ class Group(click.Group):
         """Run the given subcommand."""
         try:
             with lost_signals_raised_again(), interrupts():
-                refuse_no_working_folder()
+                if gone := no_working_folder():
+                    raise gone
                 check_thread_counts()
                 return super().invoke(ctx)
         except UserError as error:
             ctx.exit(told(error, ctx.invoked_subcommand))
         except OSError as error:
+            if error.errno == errno.ENOENT and (gone := no_working_folder()):
+                ctx.exit(told(gone, ctx.invoked_subcommand))
             if error.errno not in DISK_ERRORS:
                 raise
             ctx.exit(told(DiskError.of(error), ctx.invoked_subcommand))

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -104,6 +105,21 @@ def test_a_current_folder_that_was_removed_is_told(arguments, tmp_path, monkeypa
     done = uavbench(*arguments, *(("--format", "tum", "--out", "tum") if arguments[0] == "export" else ()))
     assert done.exit_code == 2
     assert done.stderr == ("uavbench: the current folder has been removed; change into another one, or into it again\n")
+
+
+def test_a_current_folder_that_is_removed_during_a_command_is_told(tmp_path, monkeypatch):
+    suite = small_suite(tmp_path)
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+
+    def removed(*_, **__):
+        (tmp_path / "gone").rmdir()
+        Path("relative").absolute()
+
+    monkeypatch.setattr(commands, "run_graph", removed)
+    done = uavbench("render", suite, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert done.stderr.startswith("uavbench: the current folder has been removed; change into another one")
 
 
 def in_process(*words, **variables):
