@@ -1,5 +1,6 @@
 """Timing of a planned path: by speed, or by duration."""
 
+import math
 from collections.abc import Callable
 from typing import Protocol
 
@@ -95,9 +96,10 @@ def _timed(path: TimedPath, rows_at: Callable[[float], Array], length_m: float) 
             rows = rows_at(speed)
             if len(rows) <= wanted:
                 break
+            least_s = math.ceil(round(10 * (len(rows) - 1) * STEP_S, 6)) / 10  # rounded up: it can be flown
             raise UserError(
                 f"duration_s {path.duration_s:g}: {length_m:.2f} m from rest to rest take "
-                f"{(len(rows) - 1) * STEP_S:.1f} s or more at {path.acceleration_m_s2:g} m/s^2; raise "
+                f"{least_s:.1f} s or more at {path.acceleration_m_s2:g} m/s^2; raise "
                 "acceleration_m_s2 or duration_s"
             )
         least = len(rows)
