@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from matplotlib.axis import Axis, XAxis, YAxis
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator
 
 
 class LabelledTicks(LogLocator):
@@ -21,6 +21,19 @@ class LabelledTicks(LogLocator):
         return super().tick_values(vmin, vmax)
 
 
+class PlainWithinADecade(LogFormatterSciNotation):
+    """Labels of ticks: plain numbers on an axis with one power of ten at most, where matplotlib has 2x10^0."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Label of the tick at x, empty for those that have none."""
+        label: str = super().__call__(x, pos)
+        plain = f"{x:g}"
+        if not label or "e" in plain or self.axis is None:
+            return label
+        low, high = sorted(self.axis.get_view_interval())
+        return plain if _powers_of_ten(low, high) <= 1 else label
+
+
 def _powers_of_ten(low: float, high: float) -> int:
     """Number of powers of ten on an axis, rounded as in `LogFormatter.set_locs`."""
     return math.floor(math.log(high, 10)) - math.floor(math.nextafter(math.log(low, 10), -math.inf))
@@ -31,6 +44,8 @@ def logarithmic(axis: XAxis | YAxis) -> None:
     set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
     set_scale("log")
     axis.set_minor_locator(LabelledTicks())
+    axis.set_major_formatter(PlainWithinADecade())
+    axis.set_minor_formatter(PlainWithinADecade())
 
 
 def plain_powers(axis: Axis) -> None:

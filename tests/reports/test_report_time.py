@@ -42,7 +42,7 @@ def test_the_overlay_and_the_breakdown_read_each_image_once(
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(LEAST_POWER, LEAST_POWER + WIDEST), st.floats(0.05, WIDEST), st.booleans())
-def test_a_logarithmic_axis_has_the_labels_of_matplotlibs_and_no_tick_beyond(
+def test_a_logarithmic_axis_has_the_labels_of_matplotlibs_or_plain_numbers_and_no_tick_beyond(
     low: float, width: float, upright: bool
 ) -> None:
     with house_style():
@@ -51,7 +51,10 @@ def test_a_logarithmic_axis_has_the_labels_of_matplotlibs_and_no_tick_beyond(
         (plain.set_yscale if upright else plain.set_xscale)("log")
         for panel in (ours, plain):
             (panel.set_ylim if upright else panel.set_xlim)(10**low, 10 ** (low + width))
-        assert labels(ours, upright) == labels(plain, upright)
+        told, usual = labels(ours, upright), labels(plain, upright)
+        assert {place for place, _ in told} == {place for place, _ in usual}
+        for place, text in told - usual:
+            assert width <= 2 and np.isclose(float(text), place, rtol=1e-5) and "e" not in text
         axis = ours.yaxis if upright else ours.xaxis
         places = axis.get_minorticklocs()
         assert any(axis.get_minor_formatter().format_ticks(places)) or not len(places)
@@ -74,6 +77,16 @@ def labels(panel: Axes, upright: bool) -> set[tuple[float, str]]:
             if low <= place <= high and text
         }
     return found
+
+
+def test_labels_within_a_power_of_ten_are_plain_numbers() -> None:
+    with house_style():
+        panel = Figure().subplots()
+        logarithmic(panel.xaxis)
+        panel.set_xlim(1.5, 4.5)
+        assert {text for _, text in labels(panel, upright=False)} == {"2", "3", "4"}
+        panel.set_xlim(2e-7, 9e-7)
+        assert all("10^" in text for _, text in labels(panel, upright=False)), "1e-07 is no plain number"
 
 
 def test_plain_powers_are_plain_numbers() -> None:
