@@ -143,9 +143,10 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
     """Caption of the table: ground truth, alignment, intervals, and tests."""
     record = many.runs[0].record
     text = (
-        f"Truth: {many.truth['file']}, {many.truth['poses']} poses. Alignment: {record['align']}. Errors are RMSE over "
-        f"the matched poses of each run: read them with coverage; RPE over {record['delta']:g} {record['unit']}; means "
-        "over the runs with 95 % intervals (bootstrap, widened by Student's t), sd: standard deviation over the runs"
+        f"Ground truth: {many.truth['file']}, {many.truth['poses']} poses. Alignment: {record['align']}. Errors are "
+        f"RMSE over the matched poses of each run: read them with coverage; RPE over {record['delta']:g} "
+        f"{record['unit']}; means over the runs with 95 % intervals (bootstrap, widened by Student's t), sd: standard "
+        "deviation over the runs"
     )
     straight = sum(bool(run.undetermined) for run in many.runs)
     if straight:

@@ -101,11 +101,12 @@ def paths(many: ManyRuns, stem: Path) -> list[Path]:
 def draw_paths(many: ManyRuns, panel: Axes) -> Drawn:
     """True path, and the aligned path of the run of median position error of each tracker, from above."""
     rows: list[list[Any]] = [["truth", "", *p] for p in many.truth_path_m.tolist()]
-    panel.plot(*many.truth_path_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="truth")
+    panel.plot(*many.truth_path_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="ground truth")
     for k, (name, group) in enumerate(many.groups.items()):
         run = middle_run(group)
         look = {**line(k), "lw": 0.8, **dots_where_alone(run.path_m[:, 0])}
-        panel.plot(*run.path_m[:, :2].T, label=as_label(f"{name}: {run.run.name}"), **look)
+        which = f"run {run.run.name}" if run.run.name.isdigit() else run.run.name
+        panel.plot(*run.path_m[:, :2].T, label=as_label(f"{name}: {which}"), **look)
         rows += [[name, run.run.name, *p] for p in run.path_m.tolist() if p[0] == p[0]]
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_xlabel("x (m)")
