@@ -12,7 +12,6 @@ from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 
-FILE = FILE
 EXPORTS = ["euroc", "kalibr", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
 
 

@@ -18,7 +18,7 @@ from uavbench.tracker.shang_shen.segments import MIN_SEGMENT_PX, detect_edge_pix
 from uavbench.trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]
-GREEN, WHITE, ORANGE, MAGENTA = (60, 220, 70), (255, 255, 255), (20, 140, 255), (220, 60, 230)
+GREEN, WHITE = (60, 220, 70), (255, 255, 255)
 HUES = ((40, 60, 235), (30, 160, 30), (220, 90, 20), (20, 140, 240), (190, 40, 170), (150, 150, 0))
 SHIFT = 4
 

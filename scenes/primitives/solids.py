@@ -149,10 +149,6 @@ def structure_of(solids: Iterable[Solid]) -> Structure:
     )
 
 
-def _shifted(faces: Indices, by: int) -> Indices:
-    return np.where(faces >= 0, faces + by, -1)
-
-
 def cells(xs: Array, ys: Array, zs: Array, filled: NDArray[np.bool_], material: Material, name: str = "") -> Solid:
     """Closed surface of the filled cells (nx, ny, nz) of a grid with lines xs (nx + 1,), ys, zs, metres."""
     shape = (len(xs), len(ys), len(zs))

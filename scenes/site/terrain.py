@@ -27,8 +27,6 @@ APART_M = 0.09
 STEP_M = 2.0
 FAR_M = 1080.0
 """Spacing of the mesh near the structure, and where it ends: behind the rim of hills."""
-STRAIGHT_M = 6.0
-"""Distance from the structure up to which a channel is straight, metres."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from uavbench.scenes.renderables import STRUCTURE, BuiltStructure, Part, Texture
 from uavbench.scenes.structure import Structure
 
 PX_PER_M = 1600
-MARGIN_M = 0.012
 INK = (46.0, 40.0, 40.0)
 TAPE = (176.0, 138.0, 92.0)
 Drawing = NDArray[np.uint8]

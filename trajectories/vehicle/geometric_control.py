@@ -163,6 +163,3 @@ def allocate(plant: Plant, thrust: float, torque: Vector, command: Array) -> Non
         shift = min(under, plant.max_thrust - highest)
     for i in range(4):
         command[i] = min(plant.max_thrust, max(plant.min_thrust, command[i] + shift))
-
-
-CONTROLS: dict[str, type[Geometric]] = {"geometric": Geometric}
