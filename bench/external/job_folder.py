@@ -26,7 +26,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Samples, body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence as Frames
 from uavbench.scenes.dataset.structure_files import save_structure
-from uavbench.scenes.model_files.cao_writing import write_cao
+from uavbench.scenes.model_files.cao.writing import write_cao
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text

@@ -17,7 +17,7 @@ from uavbench.scenes.image_files import TEXTURES
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.painted import Material
-from uavbench.scenes.model_files.cao import read_cao
+from uavbench.scenes.model_files.cao.reading import read_cao
 from uavbench.scenes.model_files.face_limits import check_count
 from uavbench.scenes.model_files.ifc import read_ifc
 from uavbench.scenes.model_files.mesh_checks import (

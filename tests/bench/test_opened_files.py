@@ -13,7 +13,7 @@ import pytest
 
 from tests.bench.test_external import HOLD, STREAM
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.model_files.cao_writing import write_cao
+from uavbench.scenes.model_files.cao.writing import write_cao
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]

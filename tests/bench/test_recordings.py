@@ -14,7 +14,7 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.recorded_score import RecordedRun, edges_met, longest_gap_s, score_recorded
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.model_files.cao_writing import write_cao
+from uavbench.scenes.model_files.cao.writing import write_cao
 from uavbench.tracker.images.recorded_sequence import VISP_CUBE, Files, RecordingSpec, VispCube, record
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.registry import TRACKERS

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uavbench.scenes.model_files.cao import read_cao
-from uavbench.scenes.model_files.cao_writing import face_polygon, write_cao
+from uavbench.scenes.model_files.cao.reading import read_cao
+from uavbench.scenes.model_files.cao.writing import face_polygon, write_cao
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.scenes.structures.box import Box

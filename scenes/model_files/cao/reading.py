@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uavbench.scenes.model_files.cylinders import cylinder, disc, is_end
+from uavbench.scenes.model_files.cao.cylinders import cylinder, disc, is_end
 from uavbench.scenes.model_files.face_limits import FaceWork, check_count
 from uavbench.scenes.model_files.mesh_piece import Loaded
 from uavbench.scenes.primitives.solids import polygon_triangles
