@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from uavbench.scenes.primitives.meshes import TriangleMesh
 from uavbench.scenes.renderables import Texture
 from uavbench.scenes.structure import Indices
 from uavbench.trajectories.pose import Array
@@ -79,6 +80,15 @@ class Loaded:
             texture=np.asarray(_of_8_bits(image).convert("RGBA" if holes else "RGB"), dtype=np.uint8),
             tint=color * np.ones((len(self.vertices), 1)) if physical and color is not None else None,
         )
+
+
+def whole(pieces: list[Loaded]) -> TriangleMesh:
+    """The triangles of all pieces; vertices are not merged."""
+    if not pieces:
+        return TriangleMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    shift = np.cumsum([0] + [len(p.vertices) for p in pieces[:-1]])
+    triangles = np.concatenate([p.triangles + n for p, n in zip(pieces, shift, strict=True)])
+    return TriangleMesh(np.concatenate([p.vertices for p in pieces]), triangles)
 
 
 def _of_8_bits(image: Image.Image) -> Image.Image:

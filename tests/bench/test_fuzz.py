@@ -27,7 +27,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.table_files import read_table
 from uavbench.scenes.dataset.verify import verify
-from uavbench.scenes.model_files.mesh_file import read as read_mesh
+from uavbench.scenes.model_files.model_reading import read as read_mesh
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results

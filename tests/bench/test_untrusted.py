@@ -19,7 +19,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.registry import export
-from uavbench.scenes.model_files.mesh_file import read as read_mesh
+from uavbench.scenes.model_files.model_reading import read as read_mesh
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.results import Results
 from uavbench.trajectories.camera_mount import Mount

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.model_reading import read
 from uavbench.trajectories.errors import UserError
 
 CORNERS = np.array([(x, y, z) for z in (0, 2) for x, y in ((0, 0), (3, 0), (3, 1), (0, 1))])

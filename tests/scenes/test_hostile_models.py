@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.model_reading import read
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.trajectories.errors import UserError
 

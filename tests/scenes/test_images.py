@@ -17,7 +17,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.decoding.jpeg_damage import jpeg_damage
 from uavbench.scenes.image_files import KINDS, load_image, open_video, read_image
-from uavbench.scenes.model_files.mesh_file import read as read_mesh
+from uavbench.scenes.model_files.model_reading import read as read_mesh
 from uavbench.trajectories.errors import UserError
 
 SIDE = 30_000

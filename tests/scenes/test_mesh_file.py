@@ -13,7 +13,8 @@ from PIL import Image
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.generate import generate
 from uavbench.scenes.model_files import face_limits, mesh_checks
-from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.model_reading import read
 from uavbench.scenes.model_files.obj.faces import with_triangles
 from uavbench.scenes.renderables import BuiltStructure
 from uavbench.scenes.spec import CameraSpec, SequenceSpec

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.model_reading import read
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 

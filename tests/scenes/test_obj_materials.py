@@ -5,7 +5,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from uavbench.scenes.model_files.mesh_file import MeshFile, read
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.model_reading import read
 from uavbench.scenes.model_files.obj.materials import TextureMap, texture_map
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.tracker.images.track_images import load_model
