@@ -54,7 +54,7 @@ def true_poses(
     first image without a pose, a rate that is not that of the stamps, poses at which the model is not in the images,
     and poses of a body whose camera is not known.
     """
-    found, mount = _of_what_moves(found, cam_from_body)
+    found, mount = _moving(found, cam_from_body)
     stamped = _at_images(found, recording.images, rate_hz)
     name, seen = str(found.file), Seen(recording, stamped.poses, mount)
     _check_rate(name, stamped, rate_hz)
@@ -79,19 +79,26 @@ def rate_of(stamps_ns: NDArray[np.int64]) -> float:
     return float(f"{1 / steps_s[steps_s <= ONE_GAP * np.median(steps_s)].mean():.6g}")
 
 
-def _of_what_moves(found: Found, cam_from_body: Pose | None) -> tuple[Found, Pose]:
-    """The poses of the body, and the camera on it; where no body is known, those of the camera, and the identity."""
+class _Moving(NamedTuple):
+    """Poses of the body, and the camera on it; where no body is known, those of the camera, and the identity."""
+
+    found: Found
+    cam_from_body: Pose
+
+
+def _moving(found: Found, cam_from_body: Pose | None) -> _Moving:
+    """What the poses of a file are of, by the frame that it declares; UserError for a body without its camera."""
     frame = found.frame or ""
     if frame == "cam_from_world":
         table = np.hstack([found.trajectory.positions_m, found.trajectory.quaternions_wxyz])
         inverted = world_from_cameras(found.trajectory.stamps_ns, table)
         found, frame = replace(found, trajectory=inverted, frame=CAMERA), CAMERA
     if cam_from_body is not None:
-        return (found.seen_as(BODY, cam_from_body) if frame.endswith("_from_cam") else found), cam_from_body
+        return _Moving(found.seen_as(BODY, cam_from_body) if frame.endswith("_from_cam") else found, cam_from_body)
     if not frame.endswith("_from_body"):
-        return found, Pose.identity()
+        return _Moving(found, Pose.identity())
     try:
-        return found, mount_of(found.file.parent)
+        return _Moving(found, mount_of(found.file.parent))
     except UserError:
         raise UserError(
             f"{found.file}: has poses of the body ({frame}), and the camera's pose on it is not known; give "

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uavbench.scenes.scans.region_kernels import grow_regions, spread_labels
+from uavbench.scenes.scans.region_kernels import Limits, grow_regions, spread_labels
 from uavbench.scenes.scans.scanned_surface import ScannedSurface, pieces
 from uavbench.scenes.structure import Indices
 from uavbench.trajectories.pose import Array
@@ -52,7 +52,7 @@ def planar_regions(surface: ScannedSurface, least_area_m2: float = 0.0) -> Plana
     for _ in range(2):  # the second time with the noise about the planes of the first
         labels = np.full(len(surface.triangles), -1, dtype=np.int64)
         calm = order[surface.residuals[order] <= tolerance]
-        limits = cosine, tolerance, least
+        limits = Limits(cosine, tolerance, least)
         grow_regions(calm, surface.neighbours, surface.centroids, surface.normals, surface.areas, limits, labels)
         if labels.max(initial=-1) < 0:
             none = np.zeros((0, 3))

@@ -1,8 +1,11 @@
 """Compiled kernels over the neighbours of a scan's triangles: patches, and growth of planar regions."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from uavbench.scenes.structure import Indices
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -17,20 +20,27 @@ REFIT = 1.5
 """Growth of a region after which its plane is fitted again."""
 
 
-@compiled("i1 i2 f2 f2 i0 (f2! f1! f1!)")
+class Patches(NamedTuple):
+    """Normals (k, 3) of patches, their rms distances (k,) from planes, metres, inf for closed ones, and areas (k,)."""
+
+    normals: Array
+    residuals: Array
+    areas: Array
+
+
+PATCHES = named_tuple(Patches, "f2! f1! f1!")
+
+
+@compiled("i1 i2 f2 f2 i0 patches", patches=PATCHES)
 def fit_patches(
     rows: Indices,
     neighbours: Indices,
     centroids: Array,
     vector_areas: Array,
     size: int,
-    out: tuple[Array, Array, Array],
+    found: Patches,
 ) -> None:
-    """Of the patch of `size` triangles about each of those in rows (k,): its normal, rms distance from a plane, area.
-
-    The distance of one that is closed rather than flat is inf.
-    """
-    normals, residuals, patch_areas = out
+    """Fit a plane to the patch of `size` triangles about each of those in rows (k,)."""
     seen = np.full(len(centroids), -1, np.int64)
     queue = np.empty(size, np.int64)
     for row in range(len(rows)):
@@ -64,27 +74,35 @@ def fit_patches(
             x, y, z = vector_areas[q, 0], vector_areas[q, 1], vector_areas[q, 2]
             d = nx * centroids[q, 0] + ny * centroids[q, 1] + nz * centroids[q, 2] - offset
             total += np.sqrt(x * x + y * y + z * z) * d * d
-        normals[row, 0], normals[row, 1], normals[row, 2] = nx, ny, nz
-        residuals[row] = np.sqrt(total / whole) if 4 * length > whole else np.inf
-        patch_areas[row] = whole
+        found.normals[row, 0], found.normals[row, 1], found.normals[row, 2] = nx, ny, nz
+        found.residuals[row] = np.sqrt(total / whole) if 4 * length > whole else np.inf
+        found.areas[row] = whole
 
 
-@compiled("i1 i2 f2 f2 f1 (f0 f0 f0) i1!")
+class Limits(NamedTuple):
+    """A region takes neighbours whose normals have a larger cosine with its own, within a distance of its plane in
+    metres, and has at least an area in square metres.
+    """
+
+    cosine: float
+    distance_m: float
+    area_m2: float
+
+
+LIMITS = named_tuple(Limits, "f0 f0 f0")
+
+
+@compiled("i1 i2 f2 f2 f1 limits i1!", limits=LIMITS)
 def grow_regions(
     order: Indices,
     neighbours: Indices,
     centroids: Array,
     normals: Array,
     areas: Array,
-    limits: tuple[float, float, float],
+    limits: Limits,
     labels: Indices,
 ) -> None:
-    """Label (m,) the triangles of planar regions from 0 on, -1 for none, from seeds in an order (s,).
-
-    limits: a region takes neighbours whose normals have a larger cosine with its own, within a distance of its plane in
-    metres, and has at least an area in square metres.
-    """
-    cosine, tolerance, least_area = limits
+    """Label (m,) the triangles of planar regions from 0 on, -1 for none, from seeds in an order (s,)."""
     m = len(centroids)
     tried = np.full(m, -1, np.int64)
     queue = np.empty(m, np.int64)
@@ -127,10 +145,10 @@ def grow_regions(
                 for i in range(3):
                     away += normal[i] * (centroids[other, i] - mean[i])
                     turned += normal[i] * normals[other, i]
-                if abs(away) < tolerance and turned > cosine:
+                if abs(away) < limits.distance_m and turned > limits.cosine:
                     tried[other], queue[n] = s, other
                     n += 1
-        if whole >= least_area:
+        if whole >= limits.area_m2:
             for i in range(n):
                 labels[queue[i]] = regions
             regions += 1

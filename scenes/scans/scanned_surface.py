@@ -1,12 +1,14 @@
 """The surface of a scan: its triangles, which of them are neighbours, and how rough it is."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from uavbench.scenes.scans.region_kernels import fit_patches
+from uavbench.scenes.primitives.meshes import TriangleMesh
+from uavbench.scenes.scans.region_kernels import Patches, fit_patches
 from uavbench.scenes.structure import Indices
 from uavbench.trajectories.geometry.winding import merged
 from uavbench.trajectories.pose import Array
@@ -27,18 +29,10 @@ RISE = 1.2
 """Growth of a residual in radii up to which wider patches still show noise: edges make it grow, noise makes it fall."""
 
 
-class Patches(NamedTuple):
-    """Normals (k, 3) of patches, their rms distances (k,) from planes, metres, inf for closed ones, and areas (k,)."""
-
-    normals: Array
-    residuals: Array
-    areas: Array
-
-
 def fitted_patches(rows: Indices, neighbours: Indices, centroids: Array, vector_areas: Array, size: int) -> Patches:
     """The patches of `size` triangles about those in rows (k,), of triangles (m, 3) by their centroids and areas."""
     found = Patches(np.empty((len(rows), 3)), np.empty(len(rows)), np.empty(len(rows)))
-    fit_patches(rows, neighbours, centroids, vector_areas, size, (found.normals, found.residuals, found.areas))
+    fit_patches(rows, neighbours, centroids, vector_areas, size, found)
     return found
 
 
@@ -62,38 +56,20 @@ class ScannedSurface:
 
     @classmethod
     def of(cls, vertices: Array, triangles: Indices) -> "ScannedSurface":
-        """The surface of a mesh: vertices at one place are merged, and triangles without area left out."""
-        welded = merged(vertices, triangles)
-        _, first = np.unique(welded, return_index=True)
-        vertices, triangles = (
-            vertices[triangles.ravel()[first]],
-            np.unique(welded, return_inverse=True)[1].reshape(-1, 3),
-        )
-        corners = vertices[triangles]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        doubled = np.linalg.norm(cross, axis=1)
-        kept = (doubled > 0) & (np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)
-        triangles, corners, cross, doubled = triangles[kept], corners[kept], cross[kept], doubled[kept]
-        piece = pieces(twins_of(triangles) // 3, np.zeros(len(triangles), dtype=np.int64))
-        size = np.bincount(piece, doubled)
-        kept = size[piece] >= FLOATING * size.sum()
-        triangles, corners, cross, doubled = triangles[kept], corners[kept], cross[kept], doubled[kept]
+        """The surface of a mesh: vertices at one place are merged; without flat triangles and floating bits."""
+        vertices, triangles = _welded(vertices, triangles)
+        triangles = triangles[_have_area(vertices, triangles)]
+        triangles = triangles[_are_of_the_scan(vertices, triangles)]
         used, places = np.unique(triangles, return_inverse=True)
-        triangles = places.reshape(-1, 3)
-        centroids, areas = corners.mean(axis=1), doubled / 2
+        vertices, triangles = vertices[used], places.reshape(-1, 3)
+        centroids, vector_areas = vertices[triangles].mean(axis=1), _doubled(vertices, triangles) / 2
         twins = twins_of(triangles)
-        about = twins // 3, centroids, cross / 2
-        all_rows = np.arange(len(triangles))
+        fitted = partial(fitted_patches, neighbours=twins // 3, centroids=centroids, vector_areas=vector_areas)
+        near = fitted(np.arange(len(triangles)), size=PATCH_TRIANGLES)
         some = np.linspace(0, len(triangles) - 1, ASKED).astype(np.int64)
-        near = fitted_patches(all_rows, *about, PATCH_TRIANGLES)
-        noise = float(np.quantile(near.residuals, FLAT_SHARE, method="lower"))
-        steep = max(FLAT, RISE * noise / float(np.sqrt(np.median(near.areas) / np.pi)))
-        for count in WIDER:
-            wide = fitted_patches(some, *about, count)
-            residual = float(np.quantile(wide.residuals, FLAT_SHARE, method="lower"))
-            if residual < steep * float(np.sqrt(np.median(wide.areas) / np.pi)):
-                noise = max(noise, residual)
-        return cls(vertices[used], triangles, centroids, areas, twins, near.normals, near.residuals, noise)
+        noise = _noise_m(near, (fitted(some, size=count) for count in WIDER))
+        areas = np.linalg.norm(vector_areas, axis=1)
+        return cls(vertices, triangles, centroids, areas, twins, near.normals, near.residuals, noise)
 
     @cached_property
     def neighbours(self) -> Indices:
@@ -104,6 +80,43 @@ class ScannedSurface:
     def side_m(self) -> float:
         """Typical length of a triangle's side, metres: that of an equilateral one of the median area."""
         return float(np.sqrt(4 / np.sqrt(3) * np.median(self.areas)))
+
+
+def _welded(vertices: Array, triangles: Indices) -> TriangleMesh:
+    """The triangles with one vertex for all those at one place."""
+    joined = merged(vertices, triangles)
+    _, first, numbers = np.unique(joined, return_index=True, return_inverse=True)
+    return TriangleMesh(vertices[triangles.ravel()[first]], numbers.reshape(-1, 3))
+
+
+def _doubled(vertices: Array, triangles: Indices) -> Array:
+    """Twice the vector areas (m, 3) of triangles, square metres."""
+    corners = vertices[triangles]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _have_area(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """Which triangles (m,) have an area, and three vertices."""
+    distinct = (np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)
+    return np.asarray((np.linalg.norm(_doubled(vertices, triangles), axis=1) > 0) & distinct)
+
+
+def _are_of_the_scan(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """Which triangles (m,) are of no floating bit: of a piece of a hundredth of the surface at least."""
+    piece = pieces(twins_of(triangles) // 3, np.zeros(len(triangles), dtype=np.int64))
+    size = np.bincount(piece, np.linalg.norm(_doubled(vertices, triangles), axis=1))
+    return np.asarray(size[piece] >= FLOATING * size.sum())
+
+
+def _noise_m(near: Patches, wider: Iterable[Patches]) -> float:
+    """Standard deviation of flat patches about their planes, metres; of wider ones while they show noise, not shape."""
+    noise = float(np.quantile(near.residuals, FLAT_SHARE, method="lower"))
+    steep = max(FLAT, RISE * noise / float(np.sqrt(np.median(near.areas) / np.pi)))
+    for wide in wider:
+        residual = float(np.quantile(wide.residuals, FLAT_SHARE, method="lower"))
+        if residual < steep * float(np.sqrt(np.median(wide.areas) / np.pi)):
+            noise = max(noise, residual)
+    return noise
 
 
 def twins_of(triangles: Indices) -> Indices:
