@@ -23,7 +23,7 @@ from uavbench.bench.inputs.plugin_files import declared, loaded
 from uavbench.bench.inputs.plugin_kernels import edited_since_import, keep_by_content
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import UserError, one_line
-from uavbench.trajectories.source_files import editable
+from uavbench.trajectories.sources.module_files import editable
 
 Extra = tuple[tuple[str, type], ...]
 INPUT_FILES = "input_files"

@@ -19,7 +19,7 @@ from uavbench.bench.runner.executors import PACKAGES
 from uavbench.trajectories.errors import UserError, plain
 from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.processes.guard import Talk, talk
-from uavbench.trajectories.source_files import digest
+from uavbench.trajectories.sources.digests import digest
 
 MOST_TOLD = 8
 """Most names of untracked files that are reported; the rest are counted."""

@@ -15,7 +15,7 @@ from uavbench.bench.runner.tasks import Track
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import KNOWN
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.source_files import sources
+from uavbench.trajectories.sources.dependencies import sources
 
 
 def track(ask: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,9 @@ from pathlib import Path
 from uavbench.bench.inputs.elsewhere import WORD, of_system, whole_paths
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.bench.inputs.named_files import folders_of, is_python, named_files
-from uavbench.trajectories.source_files import among, imports_in, made_of, parsed
+from uavbench.trajectories.sources.dependencies import made_of
+from uavbench.trajectories.sources.module_files import among
+from uavbench.trajectories.sources.parsed_source import imports_in, parsed
 
 PYTHONS = ("python", "pypy")
 """Prefixes of the names of Python interpreters."""

@@ -20,7 +20,7 @@ from uavbench.bench.inputs.process_environment import process_environment
 from uavbench.tracker.run import plain
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
-from uavbench.trajectories.source_files import ask, asked_for, file_digest
+from uavbench.trajectories.sources.digests import ask, asked_for, file_digest
 
 PACKAGES = {"uavbench"}
 INPUT_FILES = "input_files"

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from uavbench.bench.inputs.file_paths import is_file
-from uavbench.trajectories.source_files import stamp
+from uavbench.trajectories.sources.digests import stamp
 
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc", "/nix", "/gnu", "/dev", "/proc", "/sys")
 """System folders; programs in them are not tracked as inputs."""

@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import scipy
 
-from uavbench.trajectories.source_files import file_digest
+from uavbench.trajectories.sources.digests import file_digest
 
 LIBRARIES = (
     *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "mujoco-core", "trimesh", "pillow"),

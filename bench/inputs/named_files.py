@@ -18,7 +18,10 @@ from pathlib import Path
 from uavbench.bench.inputs.elsewhere import linked_with, named_anywhere, whole_paths
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.scenes.model_files.referenced_files import parts_of
-from uavbench.trajectories.source_files import Find, among, is_ours, made_of, source_file, stamp, texts
+from uavbench.trajectories.sources.dependencies import made_of
+from uavbench.trajectories.sources.digests import stamp
+from uavbench.trajectories.sources.module_files import Find, among, is_ours, source_file
+from uavbench.trajectories.sources.parsed_source import texts
 
 MOST_BYTES = 1 << 20
 """Largest script or settings file that is searched for names; longer files count as data."""

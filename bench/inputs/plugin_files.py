@@ -14,7 +14,10 @@ from typing import Any
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.bench.inputs.library_builds import ANY_FILE, recorded
 from uavbench.bench.inputs.named_files import folders_of, is_python, named_files, named_from
-from uavbench.trajectories.source_files import MadeOf, digest, is_ours, made_of, source_file, texts
+from uavbench.trajectories.sources.dependencies import MadeOf, made_of
+from uavbench.trajectories.sources.digests import digest
+from uavbench.trajectories.sources.module_files import is_ours, source_file
+from uavbench.trajectories.sources.parsed_source import texts
 
 loaded: dict[str, frozenset[str]] = {}
 """Module of a plug-in -> the modules loaded by importing it."""

@@ -29,7 +29,9 @@ from uavbench.bench.inputs.plugin_files import declared, loaded, plugins_made_of
 from uavbench.trajectories.files.temporary_names import start_ticks
 from uavbench.trajectories.kernels.cache import KernelFiles, folder_of, key_of
 from uavbench.trajectories.kernels.kept_imports import remembered
-from uavbench.trajectories.source_files import LIBRARIES, content_of, editable, is_ours, made_of, source_file
+from uavbench.trajectories.sources.dependencies import made_of
+from uavbench.trajectories.sources.module_files import LIBRARIES, editable, is_ours, source_file
+from uavbench.trajectories.sources.parsed_source import content_of
 
 MOST_VERSIONS = 100
 """Most compiled versions of a kernel in a folder: some argument types differ in each process and are never loaded."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from uavbench.bench.inputs.elsewhere import of_system
 from uavbench.bench.inputs.file_paths import is_file
-from uavbench.trajectories.source_files import file_digest
+from uavbench.trajectories.sources.digests import file_digest
 
 LIBRARY, VENDOR = re.compile(r".*\.so(\.\d[\w.]*)?"), re.compile(r".*\.json")
 """Names of shared libraries, and of the files that describe a vendor's EGL."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from uavbench.bench.inputs.named_files import MOST_BYTES, is_python
 from uavbench.trajectories.kernels.cache import folder_of, key_of
-from uavbench.trajectories.source_files import content_of
+from uavbench.trajectories.sources.parsed_source import content_of
 
 
 def kernels_of_program(scripts: Iterable[Path], files: Callable[[], Iterable[Path]]) -> Path | None:

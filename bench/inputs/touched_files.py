@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.source_files import stamp, told_apart, touched
+from uavbench.trajectories.sources.digests import stamp, told_apart, touched
 
 Keys = Callable[[], Mapping[str, str]]
 """Computes the content hash of every job, by name."""

@@ -9,7 +9,7 @@ from urllib.parse import unquote
 from uavbench.scenes.model_files.obj.materials import found_name, spellings, texture_lines, texture_map
 from uavbench.trajectories.files.limits import MODEL, SETTINGS
 from uavbench.trajectories.files.reading import json_value, read_bytes
-from uavbench.trajectories.source_files import stamp
+from uavbench.trajectories.sources.digests import stamp
 
 REFERENCES = {
     ".obj": (re.compile(r"^[ \t]*mtllib[ \t]+(.+)$", re.MULTILINE | re.IGNORECASE), ".mtl"),

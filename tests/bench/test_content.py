@@ -171,8 +171,8 @@ def test_an_installed_plugin_and_what_it_imports_count_by_version_and_content(fo
         write(folder / f"{dist}-1.0.dist-info" / "RECORD", "".join(f"{file},,\n" for file in files))
         for file in files:
             write(folder / file, PLUGIN.format(imports=f"import {other}") if file.endswith("__init__.py") else "1")
-    monkeypatch.setattr("uavbench.trajectories.source_files.INSTALLED", (folder,))
-    from uavbench.trajectories.source_files import editable
+    monkeypatch.setattr("uavbench.trajectories.sources.module_files.INSTALLED", (folder,))
+    from uavbench.trajectories.sources.module_files import editable
 
     plugin_files._distributions.cache_clear()
     editable.cache_clear()

@@ -48,11 +48,11 @@ from pathlib import Path
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.jobs import plan
-from uavbench.trajectories import source_files as sources
+from uavbench.trajectories.sources import digests
 
 keyed = set()
-digest = sources._digest
-sources._digest = lambda path, stamp: (keyed.add(str(path.absolute())), digest(path, stamp))[1]
+digest = digests._digest
+digests._digest = lambda path, stamp: (keyed.add(str(path.absolute())), digest(path, stamp))[1]
 
 def entering(*values):
     keyed.clear()

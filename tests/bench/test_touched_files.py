@@ -23,8 +23,8 @@ from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disown
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.render_suite import InProcess
-from uavbench.trajectories import source_files
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.sources import digests
 
 PLUGIN = """
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ CHANGED = "changed while jobs that use it ran: given.txt; the same command does"
 @pytest.fixture(autouse=True)
 def _no_files_of_other_tests(monkeypatch):
     """What other tests of this process digested, and removed with their folders, is no input here."""
-    monkeypatch.setattr(source_files, "_digested", {})
+    monkeypatch.setattr(digests, "_digested", {})
 
 
 @pytest.fixture
@@ -300,10 +300,10 @@ def test_files_of_earlier_suites_of_a_process_are_not_named(tmp_path, how):
     given = tmp_path / "given.txt"
     for path in (*earlier, given):
         path.write_text(path.name)
-        source_files.file_digest(path)
+        digests.file_digest(path)
 
     def keys():
-        return {"job": source_files.file_digest(given), "other": "x"}
+        return {"job": digests.file_digest(given), "other": "x"}
 
     planned = keys()
     for path in earlier:
@@ -322,7 +322,7 @@ def test_a_file_that_was_removed_is_named(tmp_path):
     given.write_text("x")
 
     def keys():
-        return {"job": source_files.file_digest(given) if given.is_file() else ""}
+        return {"job": digests.file_digest(given) if given.is_file() else ""}
 
     planned = keys()
     given.unlink()

@@ -159,7 +159,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("bench/inputs/content_hash.py", "bench/test_content_hash", "bench/test_content"),
         _target("bench/inputs/file_paths.py", "bench/test_file_paths", "bench/test_content"),
-        _target("trajectories/source_files.py", "trajectories/test_source_files", "bench/test_content"),
+        _target("trajectories/sources/dependencies.py", "trajectories/test_sources", "bench/test_content"),
+        _target("trajectories/sources/digests.py", "trajectories/test_sources", "bench/test_content"),
+        _target("trajectories/sources/module_files.py", "trajectories/test_sources", "bench/test_content"),
+        _target("trajectories/sources/parsed_source.py", "trajectories/test_sources", "bench/test_content"),
     ),
     "files": (
         *(

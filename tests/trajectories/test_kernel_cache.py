@@ -12,7 +12,7 @@ import pytest
 
 from uavbench.trajectories.kernels.cache import KEPT_DAYS, MARKER, KernelCache, folder_of, remove_old
 from uavbench.trajectories.kernels.pipeline import KernelCompiler
-from uavbench.trajectories.source_files import sources
+from uavbench.trajectories.sources.dependencies import sources
 
 ROOT = Path(__file__).parents[2]
 TREE = {

@@ -32,7 +32,10 @@ from uavbench.trajectories.files.temporary_names import temporary
 from uavbench.trajectories.kernels.kept_imports import FILE as IMPORTS
 from uavbench.trajectories.kernels.kept_imports import remembered
 from uavbench.trajectories.kernels.machine_code import CachedKernel
-from uavbench.trajectories.source_files import Find, content_of, digest, editable, made_of, source_file, stamp
+from uavbench.trajectories.sources.dependencies import made_of
+from uavbench.trajectories.sources.digests import digest, stamp
+from uavbench.trajectories.sources.module_files import Find, editable, source_file
+from uavbench.trajectories.sources.parsed_source import content_of
 
 MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
-from uavbench.trajectories import source_files
 from uavbench.trajectories.files.temporary_names import temporary
+from uavbench.trajectories.sources import parsed_source
 
 FILE = "imports.json"
 MOST_KEPT = 5000
@@ -28,16 +28,16 @@ def remembered(place: Callable[[str], Path | None]) -> Iterator[None]:
     folder = place(_key())
     if folder is not None:
         _recall(folder / FILE)
-    known = len(source_files.known_imports)
+    known = len(parsed_source.known_imports)
     yield
-    if folder is not None and len(source_files.known_imports) > known:
+    if folder is not None and len(parsed_source.known_imports) > known:
         _keep(folder / FILE)
 
 
 @cache
 def _key() -> str:
     """Hash of the import parser: of its source file and of Python."""
-    how = source_files.content_of(Path(source_files.__file__)) + platform.python_version().encode()
+    how = parsed_source.content_of(Path(parsed_source.__file__)) + platform.python_version().encode()
     return hashlib.sha256(how).hexdigest()[:32]
 
 
@@ -45,7 +45,7 @@ def _key() -> str:
 def _recall(path: Path) -> None:
     with contextlib.suppress(*BROKEN):  # the imports are parsed and stored again
         kept = {key: _names(value) for key, value in json.loads(path.read_bytes()).items()}
-        source_files.known_imports.update(kept)
+        parsed_source.known_imports.update(kept)
 
 
 def _names(kept: object) -> tuple[str, ...]:
@@ -55,7 +55,7 @@ def _names(kept: object) -> tuple[str, ...]:
 
 
 def _keep(path: Path) -> None:
-    newest = list(source_files.known_imports.items())[-MOST_KEPT:]
+    newest = list(parsed_source.known_imports.items())[-MOST_KEPT:]
     with contextlib.suppress(OSError), temporary(path) as own:
         own.made.write_text(json.dumps(dict(newest)), encoding="utf-8")
         own.made.replace(path)  # in a folder of ours; whichever process is last, its imports are correct

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from uavbench.trajectories.source_files import editable, is_ours
+from uavbench.trajectories.sources.module_files import editable, is_ours
 
 BENCH = f"{Path(__file__).parents[2]}{os.sep}"
 """Folder of the code that runs jobs, and that looks at files to compute their keys."""

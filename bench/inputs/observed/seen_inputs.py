@@ -19,7 +19,8 @@ from uavbench.bench.inputs.command_files import command_files
 from uavbench.bench.inputs.elsewhere import linked_with, of_system
 from uavbench.bench.inputs.file_paths import is_file
 from uavbench.bench.inputs.observed import looks
-from uavbench.trajectories.source_files import editable, file_digest, is_ours
+from uavbench.trajectories.sources.digests import file_digest
+from uavbench.trajectories.sources.module_files import editable, is_ours
 
 ABSENT, CHANGED = "no file", "changed while it was in use"
 """In place of a digest: of a file that was looked for, and of one of which nobody knows what the job has read."""

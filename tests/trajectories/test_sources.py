@@ -1,18 +1,11 @@
 """Source files of modules are found without importing anything."""
 
-from uavbench.trajectories import source_files
 from uavbench.trajectories.kernels import kept_imports
-from uavbench.trajectories.source_files import (
-    among,
-    digest,
-    file_digest,
-    imports,
-    made_of,
-    parents,
-    source_file,
-    sources,
-    texts,
-)
+from uavbench.trajectories.sources import parsed_source
+from uavbench.trajectories.sources.dependencies import made_of, parents, sources
+from uavbench.trajectories.sources.digests import digest, file_digest
+from uavbench.trajectories.sources.module_files import among, editable, source_file
+from uavbench.trajectories.sources.parsed_source import imports, texts
 
 
 def test_a_module_in_folders_without_init_is_found(tmp_path, monkeypatch):
@@ -85,11 +78,11 @@ def test_what_other_processes_read_of_a_file_is_taken_for_this_very_content_alon
 
     def names():
         """As a new process finds them."""
-        monkeypatch.setattr(source_files, "known_imports", {})
-        source_files._imports.cache_clear()
+        monkeypatch.setattr(parsed_source, "known_imports", {})
+        parsed_source._imports.cache_clear()
         kept_imports._recall.cache_clear()
         with kept_imports.remembered(lambda key: places["kept"]):
-            known = len(source_files.known_imports)
+            known = len(parsed_source.known_imports)
             return {path.stem for path in sources("reader_of_kept")} - {"reader_of_kept"}, known
 
     kept = places["kept"] / kept_imports.FILE
@@ -180,10 +173,10 @@ def test_what_is_installed_is_not_a_source_and_what_is_linked_to_it_neither(tmp_
     import numpy
 
     assert source_file("numpy") is None and source_file("json") is None and source_file("sys") is None
-    assert not source_files.editable(Path(numpy.__file__))
+    assert not editable(Path(numpy.__file__))
     link = tmp_path / "linked.py"
     link.symlink_to(numpy.__file__)
-    assert not source_files.editable(link)
+    assert not editable(link)
     own = tmp_path / "own.py"
     own.write_text("")
-    assert source_files.editable(own)
+    assert editable(own)
