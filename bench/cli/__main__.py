@@ -1,6 +1,8 @@
 """Entry point of the command `uavbench`."""
 
 import signal
+import sys
+from contextlib import suppress
 
 from uavbench.trajectories.processes.standard_streams import forgive_lost_output
 
@@ -22,6 +24,8 @@ def main() -> None:
     try:
         command()
     except SystemExit as ended:
+        with suppress(OSError, ValueError):  # of a stream that something else put in its place
+            sys.stdout.flush()
         if output is not None and output.lost is not None:
             ended.code = ended.code or code_of_lost_output(output.lost)
         raise

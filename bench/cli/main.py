@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import sys
 import threading
@@ -68,7 +69,7 @@ def code_of_lost_output(error: OSError) -> int:
     """Say that standard output was not written, unless its reader has left; the exit code in place of 0."""
     command = next((word for word in sys.argv[1:] if word in main.commands), None)
     if error.errno == errno.EPIPE:
-        return 1
+        return 2 if command in VERDICTS else 1
     why = error.strerror or str(error)
     return told(DiskError(f"standard output: {why}; what the command prints is lost, its files are not"), command)
 
@@ -88,7 +89,7 @@ def check_thread_counts() -> None:
     pandas imports NumExpr where it is installed, which fails for what OpenMP allows there: one number for each level.
     """
     count = os.environ.get("NUMBA_NUM_THREADS", "").strip()
-    if count.lstrip("+-").isdecimal() and int(count) < 1:
+    if re.fullmatch(r"[+-]?[0-9]+", count) and int(count) < 1:
         raise UserError(f"the environment variable NUMBA_NUM_THREADS is {count}; set it to 1 or more, or unset it")
     first, *levels = os.environ.get("OMP_NUM_THREADS", "").split(",")
     if levels and first.strip().isdecimal():

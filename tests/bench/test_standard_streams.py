@@ -77,3 +77,31 @@ def test_what_a_library_says_does_not_go_into_a_file_of_ours(tmp_path):
 def test_a_script_renders_without_standard_error(tmp_path):
     done = in_shell(f"{sys.executable} -c \"import uavbench as ub; ub.render('tiny', out='out')\" 2>&-", tmp_path)
     assert done.returncode == 0 and (tmp_path / "out" / "sequences" / "box-s0").is_dir()
+
+
+def test_a_verdict_that_nobody_reads_is_none(tmp_path):
+    in_shell(f"({UAVBENCH} verify {TRIAL}; echo $? >code) | true", tmp_path)
+    assert (tmp_path / "code").read_text() == "2\n"
+
+
+FORGIVE = "from uavbench.trajectories.processes.standard_streams import forgive_lost_output as f; f()"
+
+
+@pytest.mark.parametrize("options", ["", "-u"])
+def test_what_is_said_before_a_sudden_end_is_seen(options, tmp_path):
+    says = "import os, sys; print('why', file=sys.stderr); os._exit(3)"
+    done = in_shell(f'{sys.executable} {options} -c "{FORGIVE}; {says}"', tmp_path)
+    assert done.returncode == 3 and done.stderr == "why\n"
+
+
+def test_a_file_that_a_script_opened_in_the_place_of_standard_error_stays_its_own(tmp_path):
+    says = "import sys; print('warning', file=sys.stderr); file.write('1 2 3'); file.close()"
+    in_shell(f"{sys.executable} -c \"file = open('poses', 'w'); {FORGIVE}; {says}\" 2>&-", tmp_path)
+    assert (tmp_path / "poses").read_text() == "1 2 3"
+
+
+def test_an_output_of_no_descriptor_stays_as_it_is(tmp_path):
+    says = "assert sys.stdout is mine; print('x'); sys.stdout = sys.__stdout__; print(mine.buffer.getvalue())"
+    mine = "import io, sys; sys.stdout = mine = io.TextIOWrapper(io.BytesIO(), write_through=True)"
+    done = in_shell(f'{sys.executable} -c "{mine}; {FORGIVE}; {says}"', tmp_path)
+    assert done.stdout == "b'x\\n'\n", done.stderr

@@ -217,3 +217,12 @@ def test_a_recorded_suite_tells_of_times_beside_its_images_and_of_black_ones(tmp
 def test_stamps_are_those_of_names_that_are_times(names, stamps_ns):
     found = stamps_in_names([Path(name) for name in names])
     assert (None if found is None else found.tolist()) == stamps_ns
+
+
+@pytest.mark.parametrize(
+    "names", [["1.png", *(f"1.{k}.png" for k in range(1, 13))], ["a1.png", "a1.9.png", "a1.10.png"]]
+)
+def test_numbered_copies_of_an_image_with_a_whole_number_are_in_the_order_of_their_counts(names, tmp_path):
+    for name in names:
+        cv2.imwrite(str(tmp_path / name), np.zeros((4, 4), np.uint8))
+    assert [path.name for path in in_order(tmp_path)] == names

@@ -58,7 +58,10 @@ def in_seconds(images: Sequence[Path]) -> bool:
     if len(pairs) < len(found):
         around = {(each[1], each[4]) for each in found if each}
         others = [WHOLE_SECONDS.fullmatch(path.stem) for path, each in zip(images, found, strict=True) if each is None]
-        return len(around | {(each[1], each[3]) if each else ("", None) for each in others}) == 1
+        whole = [(each[2], "") for each in others if each and (each[1], each[3]) in around]
+        pairs += whole
+        if len(around) > 1 or len(whole) < len(others) or len({Decimal(".".join(pair)) for pair in pairs}) < len(pairs):
+            return False
     if any(len(whole) >= EPOCH_DIGITS or len(part) > MOST_COUNTED_DIGITS for whole, part in pairs):
         return True
     if len({len(part) for _, part in pairs}) > 1:

@@ -30,16 +30,20 @@ class Forgiving(io.FileIO):
 def open_closed_streams() -> None:
     """Open the null device in place of each standard stream that is closed; the others remain as they are.
 
-    To be called before any file is opened that stays open.
+    A descriptor that a script has opened a file of its own on stays that file's, and the stream has another one.
     """
     for number, name in enumerate(NAMES):
+        opened = number
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number, which is this one
-            os.set_inheritable(number, True)
+            opened = os.open(os.devnull, os.O_RDWR)  # gets the lowest number, which mostly is this one
+            os.set_inheritable(opened, True)
+        else:
+            if getattr(sys, name) is None:
+                opened = os.open(os.devnull, os.O_RDWR)
         if getattr(sys, name) is None:
-            raw = io.FileIO(number, "rb" if name == "stdin" else "wb", closefd=False)
+            raw = io.FileIO(opened, "rb" if name == "stdin" else "wb", closefd=False)
             buffer = io.BufferedReader(raw) if name == "stdin" else io.BufferedWriter(raw)
             setattr(sys, name, io.TextIOWrapper(buffer, "utf-8", "backslashreplace"))
 
@@ -58,13 +62,16 @@ def forgive_lost_output() -> Forgiving | None:
 
 def _forgiving(stream: TextIO) -> TextIO:
     """A text stream with a Forgiving writer; other kinds of stream as they are."""
-    if not isinstance(stream, io.TextIOWrapper) or stream.fileno() > 2:
+    try:
+        number = stream.fileno() if isinstance(stream, io.TextIOWrapper) else -1
+    except (OSError, ValueError):  # of no descriptor, or closed
+        number = -1
+    if not isinstance(stream, io.TextIOWrapper) or not 0 <= number <= 2:
         return stream
     stream.flush()
     return io.TextIOWrapper(
-        io.BufferedWriter(Forgiving(stream.fileno(), "wb", closefd=False)),
+        io.BufferedWriter(Forgiving(number, "wb", closefd=False)),
         encoding=stream.encoding,
         errors=stream.errors,
-        line_buffering=stream.line_buffering,
-        write_through=stream.write_through,
+        line_buffering=stream.line_buffering or stream.write_through,  # as of `python -u`, which has no buffer
     )
