@@ -168,7 +168,7 @@ def in_order(folder: Path) -> list[Path]:
     """Images of a folder, without hidden ones, sorted by name: numbers and seconds by value, 9.png before 10.png."""
     images = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and is_shown(path, folder)]
     seconds = in_seconds(images)
-    return sorted(images, key=lambda path: (by_numbers(path.stem, seconds), path.name))
+    return sorted(images, key=lambda path: (by_numbers(path.stem, seconds), path.suffix, path.name))
 
 
 def rate_of(source: Path | BagTopic, rate_hz: float) -> float:
