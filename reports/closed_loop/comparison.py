@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import binomtest
 
-from uavbench.reports.closed_loop.measures import FlightScore
+from uavbench.reports.closed_loop.measures import NOT_FLOWN, FlightScore
 from uavbench.reports.statistics.bootstrap import Interval, compare, holm
 from uavbench.reports.statistics.proportion import Proportion
 from uavbench.trajectories.pose import Array
@@ -23,6 +23,11 @@ def by_run(scores: ListOf[FlightScore]) -> dict[str, list[FlightScore]]:
     for score in scores:
         groups.setdefault(score.run, []).append(score)
     return groups
+
+
+def flown_of(group: ListOf[FlightScore]) -> list[FlightScore]:
+    """The flights of a group that have numbers."""
+    return [score for score in group if score.status != NOT_FLOWN]
 
 
 def success(group: ListOf[FlightScore]) -> Proportion:

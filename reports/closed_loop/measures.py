@@ -6,9 +6,9 @@ degrees of freedom has mean 1 for a consistent estimator.
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -25,6 +25,8 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, Pose, rotation_log
 
+NOT_FLOWN = "not flown"
+"""Status of a flight that could not be flown or measured, which has no numbers."""
 FILTER_STATES = 9
 """Degrees of freedom of the filter's NEES: position, velocity and attitude."""
 LOOK_EVERY_S = 0.5
@@ -72,6 +74,18 @@ class FlightScore:
     coverage: float
     coverage_planned: float
     faults: tuple[str, ...]
+
+    @classmethod
+    def not_flown(cls, sequence: str, run: str, why: str) -> "FlightScore":
+        """A flight that could not be flown, by the names of its folders: no success, and NaN or None in all measures.
+
+        ValueError for names that are not of the form `SEQUENCE-sSEED` and `LABEL@RATEhz`.
+        """
+        label, _, rate = run.partition("+")[0].rpartition("@")
+        numbers: dict[str, Any] = {f.name: None if "None" in str(f.type) else np.nan for f in fields(cls)}
+        named: dict[str, Any] = {"label": label, "run": run, "rate_hz": float(rate.removesuffix("hz"))}
+        named |= {"sequence": sequence, "seed": int(sequence.rpartition("-s")[2]), "why": why, "faults": ()}
+        return cls(**{**numbers, **named, "status": NOT_FLOWN, "success": False, "frames": 0})
 
     def save(self, path: Path, content_hash: str = "") -> None:
         """Write `score.json`; content_hash: of its inputs."""

@@ -19,7 +19,6 @@ from uavbench.reports.closed_loop.figure import flight_in_closed_loop
 from uavbench.reports.closed_loop.files import MARKER as RECORD
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.closed_loop.repeated_flights import counted
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
 from uavbench.reports.closed_loop.tables import (
     HEADS,
@@ -83,7 +82,8 @@ def write_flights(
     """
     runs = [FlownRun(path, FlightScore.load(path / "score.json")) for path in flights]
     scores = [run.score for run in runs]
-    pairs = compared(counted(scores))
+    judged = notes.judged(scores)
+    pairs = compared(judged)
     (folder / "tables").mkdir(parents=True)
     write_text(folder / "tables" / "flights.md", table(notes, scores))
     write_text(folder / "tables" / "pairs.md", table_of_pairs(notes.title, pairs))
@@ -91,7 +91,7 @@ def write_flights(
     rows = [["; ".join(v) if isinstance(v, tuple) else v for v in (getattr(s, c) for c in columns)] for s in scores]
     write_csv(folder / "tables" / "flights.csv", columns, rows)
     (folder / "figures" / "flights").mkdir(parents=True)
-    drawings = drawings_of(runs)
+    drawings = drawings_of(runs, judged)
     easel = Easel(folder, figures, Steps(on_step, sum(d.always or figures == "all" for d in drawings)))
     with house_style():
         drawn = easel.draw(drawings)
@@ -107,20 +107,26 @@ def write_flights(
     return folder / MARKER.name
 
 
-def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
-    """The figures of a report: over all flights, then of each flight; that of a run's worst flight is always drawn."""
-    scores = counted([run.score for run in runs])
+def drawings_of(runs: ListOf[FlownRun], judged: ListOf[FlightScore]) -> list[Drawing]:
+    """The figures of a report: over all flights, then of each flight; that of a run's worst flight is always drawn.
+
+    judged: the scores that count in the former, also those of flights that could not be flown.
+    """
     made = [
         Drawing("success", "Success",
                 "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
-                "flight, up to its end.", partial(success_of_runs, scores))
+                "flight, up to its end.", partial(success_of_runs, judged))
     ]  # fmt: skip
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD.name)["loop"] for run in runs}
     if found := swept_loops(tables):
+        known = [score for score in judged if score.run.partition("+")[2] in tables]
         caption = f"Against {found.key} of the loop: success with its 95 % interval, and the mean and the range of the "
         caption += "rms path error, over the flown part of each flight; read it together with the success."
-        made.append(Drawing("along", "Along the loops", caption, partial(along_loops, scores, found)))
-    worst = {id(worst_of([run for run in runs if run.score.run == name])) for name in by_run(scores)}
+        made.append(Drawing("along", "Along the loops", caption, partial(along_loops, known, found)))
+    worst = {
+        id(worst_of([run for run in runs if run.score.run == name]))
+        for name in dict.fromkeys(run.score.run for run in runs)
+    }
     for run in sorted(runs, key=lambda run: run.score.success):
         score = run.score
         how = "Success" if score.success else f"No success: {why_failed(score)}"
@@ -160,7 +166,7 @@ def write_page(
         flights=len(scores),
         runs=len(by_run(scores)),
         heads=ON_PAGE,
-        rows=[(sequence, run, on_page(cells(group))) for (sequence, run), group in groups_of(counted(scores)).items()],
+        rows=[(*names, on_page(cells(group))) for names, group in groups_of(notes.judged(scores)).items()],
         told=" ".join(told(scores)),
         failures=[s for s in scores if not s.success],
         faulty=[s for s in scores if s.success and s.faults],

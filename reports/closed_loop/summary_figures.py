@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from uavbench.reports.closed_loop.comparison import by_run, success
+from uavbench.reports.closed_loop.comparison import by_run, flown_of, success
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, finite, legend_of, save_drawn
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
 from uavbench.reports.style import colour, line, marker, panel_letter, short_names
@@ -68,7 +68,7 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
     left, right = figure.subplots(1, 2, sharey=True)
     rows: list[list[Any]] = []
     for place, (run, group) in enumerate(groups.items()):
-        share = success(group)
+        share, group = success(group), flown_of(group)
         left.plot([100 * share.low, 100 * share.high], [place, place], color=colour(0), lw=1.4)
         left.plot(100 * share.share, place, **marker(0))
         for score in group:
@@ -76,7 +76,9 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
             ink = colour(0) if score.success else STATUS_COLOUR.get(score.status, "#67001C")
             label = "success" if score.success else "left its corridor" if score.status == "completed" else score.status
             right.plot(error_cm, place, ls="none", marker="o" if score.success else "X", ms=3.5, color=ink, label=label)
-        rows.append([run, share.n, share.successes, share.low, share.high, max(s.path_max_m for s in group)])
+        rows.append(
+            [run, share.n, share.successes, share.low, share.high, max((s.path_max_m for s in group), default=None)]
+        )
     left.set_yticks(range(len(groups)), short_names(list(groups)))
     left.set_ylim(len(groups) - 0.5, -0.5)
     left.set_xlim(-3, 103)
@@ -101,7 +103,7 @@ def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Fig
     for index, (name, points) in enumerate(_curves(scores, found).items()):
         xs = sorted(points)
         shares = [success(points[x]) for x in xs]
-        errors_cm = [np.array([100 * s.path_rms_m for s in points[x]]) for x in xs]
+        errors_cm = [np.array([100 * s.path_rms_m for s in flown_of(points[x])] or [np.nan]) for x in xs]
         look = {**line(index), "marker": marker(index)["marker"], "label": name}
         bounds = 100 * np.array([[s.low, s.high] for s in shares])
         left.fill_between(xs, *bounds.T, color=colour(index), alpha=0.15, lw=0)
@@ -111,7 +113,7 @@ def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Fig
         )
         right.plot(xs, [e.mean() for e in errors_cm], **look)
         rows += [
-            [name, x, s.n, s.successes, s.low, s.high, float(e.mean())]
+            [name, x, s.n, s.successes, s.low, s.high, finite(float(e.mean()))]
             for x, s, e in zip(xs, shares, errors_cm, strict=True)
         ]
     _axes(left, found.key, "success (%)", "a")

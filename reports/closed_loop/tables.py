@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uavbench.reports.closed_loop.comparison import PairOfRuns, success
+from uavbench.reports.closed_loop.comparison import PairOfRuns, flown_of, success
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.closed_loop.repeated_flights import counted, repeats_of
 from uavbench.reports.statistics.bootstrap import CONFIDENCE
@@ -25,7 +25,10 @@ PAIRS_TOLD = (
     "bootstrap over flights in which both succeed, or Student's t where it is larger, each adjusted by Holm over all "
     "pairs; * at the 5 % level."
 )
-MEASURES_TOLD = "Success: flown to its end without a crash and within the corridor, with its Wilson interval."
+MEASURES_TOLD = (
+    "Success: flown to its end without a crash and within the corridor, with its Wilson interval; a flight that could "
+    "not be flown counts as none, and is in no mean."
+)
 ALPHA = 1 - CONFIDENCE
 """Significance level."""
 FAULTS_TOLD = 3
@@ -38,14 +41,19 @@ MOST_DIGITS = 1e6
 class FlightNotes:
     """Title and notes of a report.
 
-    failed: flights that could not be flown, and why; absent: trackers that are not installed, and why; videos: files of
-    flights' videos, relative to the report.
+    failed: flights that could not be flown, as `SEQUENCE RUN`, and why; absent: trackers that are not installed, and
+    why; videos: files of flights' videos, relative to the report.
     """
 
     title: str
     failed: Mapping[str, str]
     absent: Mapping[str, str]
     videos: tuple[str, ...] = ()
+
+    def judged(self, scores: ListOf[FlightScore]) -> list[FlightScore]:
+        """The flights that count: those that are observations of their own, and as no success those that failed."""
+        names = ((name.partition(" "), why) for name, why in self.failed.items())
+        return [*counted(scores), *(FlightScore.not_flown(sequence, run, why) for (sequence, _, run), why in names)]
 
 
 def why_failed(score: FlightScore) -> str:
@@ -71,7 +79,7 @@ def groups_of(scores: ListOf[FlightScore]) -> dict[tuple[str, str], list[FlightS
 def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
     """Markdown table of the measures by sequence, tracker, rate and loop, over seeds."""
     lines = [f"# {notes.title}", "", *_head(["sequence", "tracker"], HEADS)]
-    lines += [_row([*names, *cells(group)]) for names, group in groups_of(counted(scores)).items()]
+    lines += [_row([*names, *cells(group)]) for names, group in groups_of(notes.judged(scores)).items()]
     lines += ["", *told(scores)]
     lines += [
         f"{s.sequence} {s.run}: {s.status} at {s.ended_s:.2f} s: {why_failed(s)}" for s in scores if not s.success
@@ -95,17 +103,18 @@ def table_of_pairs(title: str, pairs: ListOf[PairOfRuns]) -> str:
 
 
 def cells(group: ListOf[FlightScore]) -> list[str]:
-    """Cells of HEADS: means over the flights of a group; least clearance and greatest path error."""
-    share = success(group)
+    """Cells of HEADS: means over the flown flights of a group; least clearance and greatest path error."""
+    share, every = success(group), len(group)
+    group = flown_of(group)
     return [
-        str(len(group)),
+        str(every) if len(group) == every else f"{len(group)} of {every}",
         f"{share.successes}",
         f"{100 * share.low:.0f}-{100 * share.high:.0f}",
         str(sum(s.status == "crashed" for s in group)),
         _mean([100 * s.path_rms_m for s in group], 1),
         _mean([100 * s.path_added_m for s in group], 1),
-        f"{100 * max(s.path_max_m for s in group):.1f}",
-        f"{min(s.clearance_min_m for s in group):.2f}",
+        f"{100 * max(s.path_max_m for s in group):.1f}" if group else "",
+        f"{min(s.clearance_min_m for s in group):.2f}" if group else "",
         _mean([None if s.estimate_rms_m is None else 100 * s.estimate_rms_m for s in group], 1),
         _mean([s.estimate_nees for s in group], 2),
         _mean([None if s.tracker_rms_m is None else 100 * s.tracker_rms_m for s in group], 2),

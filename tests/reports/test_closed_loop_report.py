@@ -72,6 +72,24 @@ def test_flights_that_no_seed_changes_count_once_and_are_named():
     assert counted(differ) == differ and "count as one run" not in table(NOTES, differ)
 
 
+def test_a_flight_that_could_not_be_flown_counts_as_no_success(tmp_path):
+    lost = {f"box-s{seed} b@15hz": "cannot be started" for seed in range(2, 7)} | {"box-s0 c@15hz": "no GPU"}
+    notes = FlightNotes("flights", lost, {})
+    scores = flights("a@15hz", "+++++++") + flights("b@15hz", "++")
+    judged = notes.judged(scores)
+    lines = [line for line in table(notes, scores).splitlines() if line.startswith("| box")]
+    assert lines[0].startswith("| box | a@15hz | 7 | 7 |")
+    assert lines[1].startswith("| box | b@15hz | 2 of 7 | 2 | 8-64 | 0 | 1.0 |"), "Wilson's interval of 2 of 7"
+    assert lines[2].startswith("| box | c@15hz | 0 of 1 | 0 | 0-79 | 0 |  |")
+    pair = compared(judged)[0]
+    assert (pair.flights, pair.first_only, pair.second_only, pair.both) == (7, 5, 0, 2)
+    with house_style():
+        success_of_runs(judged, tmp_path / "success")
+    rows = [row.split(",") for row in (tmp_path / "success.csv").read_text().splitlines()[1:]]
+    assert [row[:3] for row in rows] == [["a@15hz", "7", "7"], ["b@15hz", "7", "2"], ["c@15hz", "1", "0"]]
+    assert rows[2][-1] == "", "no path error where nothing was flown"
+
+
 def test_the_worst_flight_of_a_run_is_one_that_failed():
     runs = [FlownRun(Path(str(s.seed)), s) for s in flights("a", "+-+")]
     assert worst_of(runs).score.seed == 1
