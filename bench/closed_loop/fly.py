@@ -132,8 +132,9 @@ class Loop:
             return
         stamp_ns = self.stamps[self.frame]
         frame, self.frame = self.frame, self.frame + 1
+        latency, exposed_ns = self.pilot.loop.latency, stamp_ns + self.exposed_after_ns
         light = self.source.image(stamp_ns)
-        if light is None or stamp_ns < self.busy_until_ns:
+        if light is None or exposed_ns < self.busy_until_ns:
             return
         image = encode(light)
         tracker = self.tracker or self.take_off(image)
@@ -143,8 +144,8 @@ class Loop:
         expected = self.estimator.expected(stamp_ns) if self.pilot.loop.prior else None
         self.image, self.samples, self.true_cam_from_world = image, self.sensors.upto(stamp_ns), true_pose
         result = tracker.track(image, stamp_ns, self.samples, expected, true_pose)
-        latency = self.pilot.loop.latency
-        answer_ns = stamp_ns + delay_of(latency, result.stage_ms.get("total", 0.0), self.latency_rng)
+        begin_ns = exposed_ns if latency.occupies else stamp_ns
+        answer_ns = begin_ns + delay_of(latency, result.stage_ms.get("total", 0.0), self.latency_rng)
         self.busy_until_ns = answer_ns if latency.occupies else -1
         self.due.append((max(answer_ns, now_ns), stamp_ns, result))
         self.notes.frame(frame, stamp_ns, result, true_pose, self.due[-1][0])

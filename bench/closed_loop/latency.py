@@ -1,4 +1,4 @@
-"""Latency models: delay from a frame's stamp until the tracker's result reaches the vehicle's filter."""
+"""Latency models: delay until the tracker's result of a frame reaches the vehicle's filter."""
 
 import math
 from copy import deepcopy
@@ -17,13 +17,14 @@ MS_NS = 1e6
 class LatencySpec(Protocol):
     """A latency model: a frozen dataclass of its parameters.
 
-    occupies: whether the tracker is busy for the whole delay, so that frames arriving meanwhile are dropped.
+    occupies: whether the tracker is busy for the whole delay, which then begins when the frame is fully exposed, so
+    that frames arriving meanwhile are dropped; otherwise the delay begins at the frame's stamp.
     """
 
     occupies: ClassVar[bool]
 
     def delay_ns(self, took_ms: float, rng: np.random.Generator) -> int:
-        """Delay in ns from the stamp of a frame to its result; took_ms: wall-clock time of tracking it."""
+        """Delay in ns of a frame's result, from its begin; took_ms: wall-clock time of tracking it."""
         ...
 
 
@@ -54,7 +55,7 @@ class Lognormal:
 
 @dataclass(frozen=True)
 class Measured:
-    """The measured wall-clock time of the frame times `scale`, plus more_ms for camera and link.
+    """The measured wall-clock time of the frame times `scale`, plus more_ms for camera and link, from its exposure on.
 
     Frames that arrive while the tracker is busy are dropped.
     """

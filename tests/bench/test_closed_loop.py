@@ -317,6 +317,17 @@ def test_a_tracker_that_is_at_work_misses_frames():
     assert Measured(scale=2.0, more_ms=5.0).delay_ns(10.0, stream(0, "x")) == 25_000_000
 
 
+def test_a_tracker_begins_its_work_when_its_frame_is_exposed():
+    class Quick(Measured):
+        def delay_ns(self, took_ms, rng):
+            return 20_000_000
+
+    spec = box(effects=(RollingShutter(readout_ms=40.0), MotionBlur(exposure_ms=10.0)))
+    found = flown(spec, Blind(), latency=Quick(), estimator="truth")
+    assert (found.answered_ns - found.results.stamps_ns == 45_000_000).all(), "half of 40 ms and of 10 ms, then 20 ms"
+    assert (np.diff(found.results.stamps_ns) < 70_000_000).all(), "it is done before the next frame is exposed"
+
+
 def test_what_holds_nothing_strays():
     spec = box(Orbit(distance_m=1.0, height_m=0.6, turns=0.1, speed_m_s=0.5))
     held = measure_flight(flown(spec, Hold(), crash=CrashSpec(stray_m=0.4), corridor_m=0.2))
