@@ -134,14 +134,15 @@ class Notes:
         record = record_of(
             pilot.tracker, inputs, self._cam_from_evaluated, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
         )
+        error_m = self._open_loop.error_m[: ending.stamp_ns // STEP_NS + 1]  # as far as this flight came
         flight = {
             "status": ending.status,
             "why": ending.why,
             "ended_s": ending.stamp_ns / 1e9,
             "planned_s": last_ns / 1e9,
             "radius_m": radius_m,
-            "open_loop_rms_m": float(np.sqrt(np.mean(self._open_loop.error_m**2))),
-            "open_loop_max_m": float(self._open_loop.error_m.max()),
+            "open_loop_rms_m": float(np.sqrt(np.mean(error_m**2))),
+            "open_loop_max_m": float(error_m.max()),
         }
         record["versions"]["gl"] = gl.version()
         return {**record, "flight": flight} | ({"unreached": self.unreached} if self.unreached else {})

@@ -37,13 +37,13 @@ LOOK_EVERY_S = 0.5
 class FlightScore:
     """Measures of one flight; None where a measure is undefined.
 
-    run: tracker, rate and loop, `lsd@15hz`. path_*: error of the true against the planned position; path_added_m: rms
-    path error minus that of the same flight on its true state. clearance_min_m: least distance of the vehicle's sphere
-    to structure or floor. estimate_*: position error of the filter, and its NEES over its degrees of freedom;
-    tracker_*: the same of the tracker's poses. ok_share: of frames with a pose; refused_share: of the camera's poses
-    that the filter's innovation gate rejected; gnss_share: of time with a fix. first_false_s: stamp of the first false
-    pose; false_to_crash_s: time from it to the crash. coverage, coverage_planned: share of the surface seen along the
-    flight, and along the plan. All shares are from 0 to 1.
+    run: tracker, rate and loop, `lsd@15hz`. path_*: error of the true against the planned position; path_added_m:
+    rms path error minus that of the same flight on its true state, as far as this one came. clearance_min_m: least
+    distance of the vehicle's sphere to structure or floor. estimate_*: position error of the filter, and its NEES
+    over its degrees of freedom; tracker_*: the same of the tracker's poses. ok_share: of frames with a pose;
+    refused_share: of the camera's poses that the filter's innovation gate rejected; gnss_share: of time with a fix.
+    first_false_s: stamp of the first false pose; false_to_crash_s: time from it to the crash. coverage,
+    coverage_planned: share of the surface seen along the flight, and along the plan. All shares are from 0 to 1.
     """
 
     label: str

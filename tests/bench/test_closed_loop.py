@@ -42,6 +42,7 @@ from uavbench.trajectories.sensors.registry import measure
 from uavbench.trajectories.sensors.registry import named as named_sensors
 from uavbench.trajectories.simulation.flight import FlightSpec
 from uavbench.trajectories.simulation.flight import fly as fly_open_loop
+from uavbench.trajectories.wind.winds import Gust
 
 ORBIT = Orbit(distance_m=1.0, height_m=0.6, turns=0.02, speed_m_s=0.4)
 
@@ -315,6 +316,18 @@ def test_a_tracker_that_is_at_work_misses_frames():
     found = flown(box(), Blind(), latency=Slow(), estimator="truth")
     assert (np.diff(found.results.stamps_ns) > 140_000_000).all()
     assert Measured(scale=2.0, more_ms=5.0).delay_ns(10.0, stream(0, "x")) == 25_000_000
+
+
+def test_a_flight_that_ends_early_is_compared_with_as_much_of_the_same_flight_on_its_true_state():
+    """On its true state it is the same flight, so that nothing is added, although the gusts come after its end."""
+    wind = Gust(speed_m_s=0.0, gust_m_s=6.0, first_s=4.5, jitter_s=0.0, rise_s=0.3)
+    spec = box(flight=FlightSpec(path=HandPilot(duration_s=3.0), wind=wind))
+    whole, part = (
+        measure_flight(flown(spec, Blind(), estimator="truth", **limit)) for limit in ({}, {"time_limit_s": 0.5})
+    )
+    assert part.status == "timed out" and whole.path_rms_m > 3 * part.path_rms_m
+    for score in (whole, part):
+        assert abs(score.path_added_m) < 0.05 * score.path_rms_m, "rows of 50 Hz, and of each step"
 
 
 def test_a_tracker_begins_its_work_when_its_frame_is_exposed():
