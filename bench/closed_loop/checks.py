@@ -11,12 +11,15 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.gimbal.gimbal import Gimbal
 from uavbench.trajectories.paths.recorded import Recorded
+from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.registry import named
 from uavbench.trajectories.sensors.sensor import SensorSpec
 
+FUSED = (Imu, Gnss, Barometer, FlowDeck)
+"""Sensors that the vehicle uses (`estimators.measurement_of`); trackers are given the readings of all."""
 ENDLESS_S = 1e9
 """Longer than any flight, s: 32 years."""
 
@@ -24,8 +27,9 @@ ENDLESS_S = 1e9
 def check_loop(loop: LoopSpec, spec: SequenceSpec, flight_s: float = ENDLESS_S) -> tuple[str, ...]:
     """Names of the sequence's sensors that the filter uses; UserError when position or velocity is unobservable.
 
-    flight_s: duration of the flight, once it is known, which `time_limit_s` may end earlier; GNSS that is denied for as
-    long holds nothing, and an outage that begins later denies none.
+    UserError, too, for a sensor that the loop names and the vehicle has no use of. flight_s: duration of the
+    flight, once it is known, which `time_limit_s` may end earlier; GNSS that is denied for as long holds nothing,
+    and an outage that begins later denies none.
     """
     flight_s = min(flight_s, loop.time_limit_s or ENDLESS_S)
     for first, last in loop.gnss_outages_s:
@@ -39,6 +43,11 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec, flight_s: float = ENDLESS_S) 
     for name in wanted:
         if name != CAMERA and name not in there:
             raise unknown_name(f"sensor of sequence {spec.name}", name, [CAMERA, *there])
+        if name != CAMERA and loop.sensors is not None and not isinstance(there[name], FUSED):
+            raise UserError(
+                f"sequence {spec.name}: loop.sensors: the vehicle has no use of `{name}`, but only of the camera, IMU, "
+                "GNSS, barometer and flow deck: leave it out; trackers are given its readings all the same"
+            )
     if isinstance(spec.flight.path, Recorded):
         raise UserError(f"sequence {spec.name}: a recorded motion cannot be flown; choose a path that is planned")
     if spec.cameras or spec.clock != CameraClock():

@@ -38,6 +38,7 @@ from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.range_finder import RangeFinder
 from uavbench.trajectories.sensors.registry import measure
 from uavbench.trajectories.sensors.registry import named as named_sensors
 from uavbench.trajectories.simulation.flight import FlightSpec
@@ -442,6 +443,7 @@ def test_python_that_fails_in_flight_is_lost_and_told(answer):
     (LoopSpec(latency=Constant(2500.0)), (Imu(),), "history_s"),
     (LoopSpec(estimator="camera"), (Barometer(),), "one IMU"),
     (LoopSpec(estimator="camera", sensors=("imu",)), (Imu(),), "add `camera`"),
+    (LoopSpec(sensors=("camera", "imu", "range-finder")), (Imu(), RangeFinder()), "no use of `range-finder`"),
 ])  # fmt: skip
 def test_a_loop_that_cannot_hold_the_vehicle_is_refused(loop, sensors, told):
     with pytest.raises(UserError, match=told):
@@ -490,6 +492,7 @@ def test_loops_that_can_are_not():
     assert check_loop(LoopSpec(sensors=("imu", "flow")), box(sensors=(Imu(), FlowDeck()))) == ("imu", "flow")
     assert check_loop(LoopSpec(estimator="truth", sensors=()), box(sensors=())) == ()
     assert check_loop(LoopSpec(), box()) == ("camera", "imu", "baro")
+    assert "range-finder" in check_loop(LoopSpec(), box(sensors=(Imu(), RangeFinder())))
 
 
 def test_the_tracker_truth_is_for_flights_only():
