@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.image_files import SUFFIXES, frame_count, is_shown, load_image, open_video
+from uavbench.scenes.image_files import SUFFIXES, OneTurn, decoded, frame_count, is_shown, open_video
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import IMAGE
+from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.files.writing import new_file
 from uavbench.trajectories.pose import Array
 
@@ -66,8 +68,8 @@ def calibrate(
     """Calibrate from images, folders of images, or videos of a board with (columns, rows) inner corners.
 
     bits: of a sample of the images, where they have 16 and do not say how many of them count; 0: as they say.
-    UserError when a source cannot be read, images differ in size, too few show the whole board, no camera fits them, or
-    the board is parallel to itself in all of them.
+    UserError when a source cannot be read, images differ in size or are turned differently by Exif data, too few
+    show the whole board, no camera fits them, or the board is parallel to itself in all of them.
     """
     if min(board) < SMALLEST_BOARD or max(board) > LARGEST_BOARD or not square_m > 0:
         raise UserError(
@@ -195,14 +197,15 @@ def _solve(
 
 
 def _pictures(sources: Sequence[Path], bits: int) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    alike = OneTurn()
     for source in sources:
         if source.is_dir():
             files = sorted(p for p in source.rglob("*") if p.suffix.lower() in SUFFIXES and is_shown(p, source))
             if not files:
                 raise UserError(f"{source}: has no pictures ({', '.join(SUFFIXES)})")
-            yield from ((str(files[k]), _read(files[k], bits)) for k in _spread(len(files)))
+            yield from ((str(files[k]), _read(files[k], bits, alike)) for k in _spread(len(files)))
         elif source.suffix.lower() in SUFFIXES:
-            yield str(source), _read(source, bits)
+            yield str(source), _read(source, bits, alike)
         else:
             yield from _video(source)
 
@@ -212,8 +215,10 @@ def _spread(count: int) -> list[int]:
     return [round(k) for k in np.linspace(0, count - 1, min(count, MOST_VIEWS)).tolist()]
 
 
-def _read(path: Path, bits: int) -> NDArray[np.uint8]:
-    return load_image(path, cv2.IMREAD_GRAYSCALE, bits=bits)
+def _read(path: Path, bits: int, alike: OneTurn) -> NDArray[np.uint8]:
+    data = read_bytes(path, IMAGE)
+    alike.check(path, data)
+    return decoded(path, data, cv2.IMREAD_GRAYSCALE, bits)
 
 
 def _video(path: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:

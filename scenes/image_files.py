@@ -6,6 +6,7 @@ And the begin and the end of a video of ours, whether all of it was written; and
 import errno
 import io
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -30,6 +31,8 @@ BITS_PER_SAMPLE = 258
 """Tag of TIFF."""
 LIKE = 1.01
 """Ratio of width to height up to which an image may be a resized one of the camera's: sides are whole numbers."""
+PNG, EXIF_OF_PNG = b"\x89PNG\r\n\x1a\n", b"eXIf"
+"""First bytes of PNG files, and the name of their chunk of Exif data."""
 JPEG = b"\xff\xd8\xff"
 """First bytes of JPEG files."""
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -117,15 +120,40 @@ def _goes_on(image: Image.Image) -> bool:
 
 def is_plain(data: bytes) -> bool:
     """Whether all programs show the image of a file alike: its samples have 8 bits, and no Exif data turn it."""
-    if white_of(data) != WHITE_8:
-        return False
+    return white_of(data) == WHITE_8 and exif_turn(data) == 1
+
+
+def exif_turn(data: bytes) -> int:
+    """How the Exif data of an image turn it, 1 to 8: 1 not at all, 3 upside down, 6 and 8 to a side."""
+    if data.startswith(PNG) and EXIF_OF_PNG not in data:  # which Pillow seeks behind all of its pixels
+        return 1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             with Image.open(io.BytesIO(data), formats=KINDS) as image:
-                return bool(image.getexif().get(ORIENTATION, 1) == 1)
+                return int(image.getexif().get(ORIENTATION, 1)) or 1
         except Exception:  # what is wrong with it is told where it is decoded
-            return True
+            return 1
+
+
+@dataclass
+class OneTurn:
+    """The images of one camera, all of which their Exif data turn alike, as the first one."""
+
+    first: Path | None = None
+    turn: int = 1
+
+    def check(self, path: Path, data: bytes) -> None:
+        """UserError for an image that is turned otherwise: its principal point is not where it was."""
+        turn = exif_turn(data)
+        if self.first is None:
+            self.first, self.turn = path, turn
+        if turn != self.turn:
+            raise UserError(
+                f"{path}: its Exif data turn it otherwise (orientation {turn}) than {self.first} ({self.turn}), so "
+                "that both have other intrinsics; leave out those that were taken with the camera turned, or take this "
+                "turning out of all (`exiftool -Orientation=1 -n DIR`), here and wherever this calibration is used"
+            )
 
 
 def refuse_damage(path: Path, data: bytes) -> None:

@@ -3,10 +3,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.scenes.conftest import FLAT_LIGHT, looking
 from uavbench.scenes.calibration import calibrate, write_coverage
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.image_files import ORIENTATION
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.rendering.renderer import Renderer
@@ -56,6 +58,31 @@ def test_a_rendered_board_gives_the_focal_lengths_back_to_a_thousandth(tmp_path:
     assert cv2.imread(str(tmp_path / "coverage.png")).shape == (480, 640, 3)
 
 
+def turned(pictures: Path, turns: dict[int, int]) -> Path:
+    """The pictures as JPEG with Exif data, by which those of these numbers are turned."""
+    for number, path in enumerate(sorted(pictures.glob("*.png"))):
+        exif = Image.Exif()
+        exif[ORIENTATION] = turns.get(number, 1)
+        Image.open(path).convert("RGB").save(path.with_suffix(".jpg"), quality=97, exif=exif.tobytes())
+        path.unlink()
+    return pictures
+
+
+def test_pictures_that_their_exif_data_turn_differently_are_refused(tmp_path: Path) -> None:
+    """Upside down, the principal point is at another place: with cx = 345 the focal length was 3.4 % off."""
+    pictures = photographed(Camera(640, 480, 520.0, 523.0, 345.0, 236.0), tmp_path, 6)
+    with pytest.raises(
+        UserError, match=r"03.jpg: its Exif data turn it otherwise \(orientation 3\) than .*00.jpg \(1\)"
+    ):
+        calibrate([turned(pictures, {3: 3, 4: 3})], (7, 8), 0.025)
+
+
+def test_pictures_that_are_all_turned_alike_are_calibrated(tmp_path: Path) -> None:
+    pictures = photographed(Camera(640, 480, 520.0, 523.0, 345.0, 236.0), tmp_path, 8)
+    found = calibrate([turned(pictures, dict.fromkeys(range(8), 3))], (7, 8), 0.025)
+    assert found.camera.cx == pytest.approx(639 - 345, abs=2.0)
+
+
 def test_a_fisheye_is_calibrated_with_its_own_model(tmp_path: Path) -> None:
     camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5, "equidistant", (-0.02, 0.01, 0.0, 0.0))
     found = calibrate([photographed(camera, tmp_path, 16)], (7, 8), 0.025, model="equidistant")
@@ -91,7 +118,7 @@ def test_at_most_sixty_pictures_are_taken_from_the_first_to_the_last(
 ) -> None:
     for k in range(count):
         (tmp_path / f"{k:04d}.png").touch()
-    monkeypatch.setattr("uavbench.scenes.calibration.load_image", lambda *_, **__: np.zeros((8, 8), dtype=np.uint8))
+    monkeypatch.setattr("uavbench.scenes.calibration._read", lambda *_: np.zeros((8, 8), dtype=np.uint8))
     monkeypatch.setattr("uavbench.scenes.calibration.find_corners", lambda *_: None)
     with pytest.raises(UserError, match=f"only 0 of {min(count, 60)} pictures"):
         calibrate([tmp_path], (7, 8), 0.025)

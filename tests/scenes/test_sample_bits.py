@@ -14,7 +14,7 @@ from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.calibration import calibrate
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.image_files import decoded, is_plain, load_image, read_image
+from uavbench.scenes.image_files import ORIENTATION, decoded, is_plain, load_image, read_image
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.images.recorded_sequence import Files, RecordingSpec, record
 from uavbench.tracker.images.track_images import track_images
@@ -201,3 +201,23 @@ def test_a_turned_image_is_recorded_as_it_is_shown(tmp_path):
     with Image.open(sequence.folder / sequence.files[0]) as image:
         assert image.size == (sequence.camera.width, sequence.camera.height), "to who knows no Exif"
     np.testing.assert_array_equal(sequence.image(0), Sequence.load(TRIAL).image(0))
+
+
+def test_images_of_a_folder_that_are_turned_differently_are_told(tmp_path):
+    own_images(tmp_path)
+    path = tmp_path / "frames" / "000002.png"
+    with Image.open(path) as image:
+        exif = Image.Exif()
+        exif[ORIENTATION] = 3  # upside down
+        image.rotate(180).save(path, exif=exif)
+    given = {name: tmp_path / file for name, file in (("model", "model.obj"), ("init", "init.toml"))}
+    camera, told = tmp_path / "camera.toml", r"000002\.png: its Exif data turn it otherwise .*000000\.png"
+    with pytest.raises(UserError, match=told):
+        track_images(Hold(), tmp_path / "frames", camera=camera, out=tmp_path / "t", **given)
+    files = Files(
+        images_path=str(tmp_path / "frames"), model_file=str(given["model"]), camera_file=str(camera),
+        init_file=str(given["init"]),
+    )  # fmt: skip
+    with pytest.raises(UserError, match=told):
+        record(RecordingSpec(name="a-s0", seed=0, source=files), tmp_path / "a-s0", content_hash="")
+    assert not (tmp_path / "t").exists() and not (tmp_path / "a-s0").exists()

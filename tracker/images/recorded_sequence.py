@@ -22,7 +22,7 @@ from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.ground_truth_files import states_of, write_ground_truth
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.verify import write_manifest
-from uavbench.scenes.image_files import SUFFIXES, is_plain, read_image
+from uavbench.scenes.image_files import SUFFIXES, OneTurn, image_of, is_plain
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.camera_doubts import doubts_of_camera
@@ -251,14 +251,17 @@ def write_recording(
     stamps_ns = stamps_of_rate(n, rate_hz) if truth is None else truth.world_from_body.stamps_ns
     timed = truth is not None and truth.stamps_from != "rate"
     place, levels, repeated = recording.images[0].parent, BlackImages(), RepeatedImages()
+    alike = OneTurn()
     with disk_errors(folder), new_folder(folder, RECORDED) as new:
         (new / "frames").mkdir()
         lines = ["frame,stamp_ns,file"]
         for frame, image in enumerate(recording.images):
-            shown = read_image(image, recording.camera)
+            data = read_bytes(image, IMAGE)
+            alike.check(image, data)
+            shown = image_of(image, data, recording.camera)
             levels.see(shown)
             repeated.see(shown)
-            plain = is_plain(read_bytes(image, IMAGE))
+            plain = is_plain(data)
             name = f"frames/{frame:06d}{image.suffix if plain else '.png'}"
             if plain:
                 shutil.copyfile(image, new / name)

@@ -1,6 +1,6 @@
 """Runs a tracker on real images of a folder, a video or a topic of a ROS 2 bag; writes results and an overlay video."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -9,7 +9,15 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.verify import file_hash
-from uavbench.scenes.image_files import SUFFIXES, begin_video, finish_video, is_shown, open_video, read_image
+from uavbench.scenes.image_files import (
+    SUFFIXES,
+    OneTurn,
+    begin_video,
+    finish_video,
+    image_of,
+    is_shown,
+    open_video,
+)
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.camera_doubts import doubts_of_camera, doubts_of_info
@@ -26,7 +34,9 @@ from uavbench.tracker.results import MARKER, Results
 from uavbench.tracker.run import own_copy, record_of, started, track_frame
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import IMAGE
 from uavbench.trajectories.files.origin import refuse_foreign
+from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
@@ -158,10 +168,16 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[
         return bag_frames(source, camera)
     if source.is_dir():
         refuse_twins(images := in_order(source))
-        return (
-            StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera)) for frame, path in enumerate(images)
-        )
+        return _of_folder(images, camera, rate_hz)
     return VideoImages(source, camera, rate_hz)
+
+
+def _of_folder(images: list[Path], camera: Camera, rate_hz: float) -> Iterator[StampedImage]:
+    alike = OneTurn()
+    for frame, path in enumerate(images):
+        data = read_bytes(path, IMAGE)
+        alike.check(path, data)
+        yield StampedImage(round(frame * 1e9 / rate_hz), image_of(path, data, camera))
 
 
 def in_order(folder: Path) -> list[Path]:
