@@ -25,9 +25,12 @@ def planes_command(scan: Path, out: Path, unit: Any, up: Any, min_area_m2: float
 
     The model is in metres, z up, and has the origin of the scan.
     """
+    import numpy as np
+
     from uavbench.scenes.model_files.mesh_file import MeshFile
     from uavbench.scenes.scans.planar_files import PLANAR, write_edge_picture, write_planar_model
     from uavbench.scenes.scans.planar_model import PlanarModel
+    from uavbench.tracker.images.model_size import FAR
 
     if out.suffix != ".obj":
         raise UserError(f"--out {out}: the model is written as OBJ; name a file such as model.obj")
@@ -43,6 +46,9 @@ def planes_command(scan: Path, out: Path, unit: Any, up: Any, min_area_m2: float
     structure = model.structure()
     write_planar_model(model, out)
     write_edge_picture(structure, mesh.vertices[mesh.triangles], picture)
+    size_m = float(np.ptp(model.vertices, axis=0).max())
+    if size_m >= FAR:
+        say(f"doubt: the model is {size_m:,.4g} m large: is the scan in millimetres? Then give --unit mm", err=True)
     say(f"{model.planes} planes with {len(structure.edges)} edges in {len(mesh.triangles):,} triangles")
     say(f"noise {1000 * model.noise_m:.2g} mm, sides of triangles {1000 * model.side_m:.2g} mm")
     say(f"relief of less than {1000 * model.reach_m:.2g} mm is taken for rounding")

@@ -1,3 +1,4 @@
+import re
 import warnings
 from pathlib import Path
 
@@ -103,6 +104,9 @@ def test_the_command_writes_a_model_that_a_suite_reads_and_a_picture(tmp_path):
     done = CliRunner().invoke(main, ["planes", str(scan), "--unit", "mm", "--out", str(out)])
     assert done.exit_code == 0, done.output
     assert "6 planes with 12 edges" in done.stdout
+    assert "doubt:" not in done.stderr
+    done = CliRunner().invoke(main, ["planes", str(scan), "--out", str(tmp_path / "large.obj")])
+    assert re.search(r"doubt: the model is \d{3,4}(\.\d)? m large: is the scan in millimetres\?", done.stderr)
     assert out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
