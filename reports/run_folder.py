@@ -65,6 +65,30 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
     return open_runs([ReportEntry(sequences / file.parents[1].name, file.parent, file) for file in files])
 
 
+def load_run(results: Path) -> "ScoredRun":
+    """The run of one tracker on a rendered sequence, by the folder of its results in that of a finished run.
+
+    UserError for another folder, for images without ground truth, and for scores as in `load_runs`.
+    """
+    from uavbench.reports.scoring.runs import ReportEntry, open_runs
+    from uavbench.scenes.dataset.sequence import Sequence
+
+    place = results.absolute()
+    if place.parts[-3:-2] != ("results",) or not place.is_dir():
+        raise UserError(
+            f"{results}: is not a folder of a tracker's results on a sequence; give one that `uavbench score` made, as "
+            "out/SUITE/results/SEQUENCE/TRACKER@15hz"
+        )
+    folder, file = place.parents[2], place / Path(SCORES).name
+    sequence = folder / "sequences" / place.parent.name
+    if Sequence.load(sequence).recorded:
+        raise UserError(f"{results}: has no errors, since its images have no ground truth; see overlay.mp4 of the run")
+    if not file.is_file():
+        raise UserError(f"{results}: has no score; create it with `uavbench score SUITE --out {folder}`")
+    refuse_disowned(folder, file)
+    return open_runs([ReportEntry(sequence, place, file)])[0]
+
+
 def _missing(folder: Path, scores: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Scores of the report that have no results: of runs that are missing."""
     known = {_who(score) for score in scores}

@@ -13,6 +13,8 @@ from uavbench.trajectories.files.folders import try_place
 from uavbench.trajectories.files.origin import refuse_foreign_file, refuse_within_whole
 
 EXPORTS = ["euroc", "kalibr", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
+RERUN = "rerun"
+"""The format of a tracker's run; those of EXPORTS are of sequences."""
 
 
 @click.command("verify")
@@ -33,30 +35,64 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 
 
 @click.command("export")
-@click.argument("sequence", type=FILE)
-@click.option("--format", "form", type=click.Choice(EXPORTS), required=True)
-@click.option("--out", type=FILE, required=True, help="Folder to create.")
+@click.argument("folder", type=FILE)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice([*EXPORTS, RERUN]),
+    required=True,
+    metavar="FORMAT",
+    help=f"One of {', '.join([*EXPORTS, RERUN])}.",
+)
+@click.option("--out", type=FILE, required=True, help="Folder to create; of rerun, a file .rrd.")
 @click.option("--undistort", is_flag=True, help="Remove the lens distortion from the images.")
 @click.option("--camera", metavar="NAME", help="Export this camera alone, in place of the main one.")
 @click.option("--images", type=click.Choice(["both", "raw", "compressed"]), help="Messages of a bag; default: both.")
 @click.option("--datum", metavar="LAT,LON,HEIGHT", help="Where on Earth a bag's world lies, deg and m.")
-def export_command(
-    sequence: Path, form: str, out: Path, undistort: bool, camera: str | None, images: str | None, datum: str | None
+def export_command(folder: Path, form: str, out: Path, **options: Any) -> None:
+    """Write the sequence in FOLDER in the format of another tool, and list what that format cannot represent.
+
+    With --format rerun, FOLDER holds a tracker's results on a rendered sequence, as
+    out/SUITE/results/SEQUENCE/TRACKER@15hz: write the run as a recording for the Rerun viewer.
+    """
+    if form == RERUN:
+        export_run(folder, out, [f"--{name}" for name, value in options.items() if value])
+    else:
+        export_sequence(folder, form, out, **options)
+    say(out)
+
+
+def export_sequence(
+    folder: Path, form: str, out: Path, undistort: bool, camera: str | None, images: str | None, datum: str | None
 ) -> None:
-    """Write the folder SEQUENCE in the format of another tool, and list what that format cannot represent."""
+    """Export a sequence, and print what the format does not hold."""
     from uavbench.scenes.dataset.sequence import Sequence
     from uavbench.scenes.exports.registry import export
     from uavbench.scenes.exports.ros.geodetic import Datum
 
     given: dict[str, Any] = {"images": images, "datum": Datum.parse(datum) if datum else None}
     settings = {name: value for name, value in given.items() if value is not None}
-    whole = Sequence.load(sequence)
+    whole = Sequence.load(folder)
     if camera is not None and camera not in whole.cameras:
-        raise unknown_name(f"camera of {sequence}", camera, list(whole.cameras))
+        raise unknown_name(f"camera of {folder}", camera, list(whole.cameras))
     shown = whole if camera is None else whole.cameras[camera]
     for line in export(shown, form, out, undistort=undistort, **settings):
         say(f"not held: {line}", err=True)
-    say(out)
+
+
+def export_run(folder: Path, out: Path, unused: list[str]) -> None:
+    """Write a recording of a tracker's run for Rerun; unused: options that are for sequences only."""
+    from uavbench.reports.page.rerun_export import write_rrd
+    from uavbench.reports.run_folder import load_run
+
+    if unused:
+        raise UserError(f"{', '.join(unused)}: only for sequences, in {', '.join(EXPORTS)}; leave it out")
+    if out.suffix != ".rrd":
+        raise UserError(f"--out {out}: the viewer knows its recordings by their suffix; name a file such as run.rrd")
+    refuse_within_whole(out)
+    refuse_foreign_file(out)
+    try_place(out)
+    write_rrd(load_run(folder), out)
 
 
 @click.command("twin")
