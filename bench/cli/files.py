@@ -1,6 +1,7 @@
-"""The commands over single files and folders: verify, export, twin, calibrate, pick, evaluate."""
+"""The commands over single files and folders: verify, import, export, twin, calibrate, pick, evaluate."""
 
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,31 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
         for problem in verdict.problems:
             say(f"  {problem}")
     sys.exit(0 if all(verdict.ok for verdict in verdicts) else 1)
+
+
+@click.command("import")
+@click.option("--images", type=FILE, required=True, help="Folder of images, taken in the order of their names.")
+@click.option("--model", type=FILE, required=True, help="Structure: .obj .stl .ply .glb .cao ...")
+@click.option("--camera", type=FILE, required=True, help="camera.toml")
+@click.option(
+    "--ground-truth", type=FILE, required=True, help="Poses of the camera in the model's frame, as for evaluate."
+)
+@click.option(
+    "--cam-from-body", type=FILE, help="TOML file with the matrix cam_from_body, for poses that are of a body."
+)
+@click.option("--rate-hz", type=click.FloatRange(0, min_open=True), help="Of images without times of their own.")
+@click.option("--out", type=FILE, required=True, help="Folder of the sequence.")
+def import_command(images: Path, cam_from_body: Path | None, out: Path, **given: Any) -> None:
+    """Make a sequence folder of images of your own, whose poses are known."""
+    from uavbench.bench.own_images.import_sequence import import_sequence, read_mount
+
+    mount = read_mount(cam_from_body) if cam_from_body else None
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # the doubts, said below
+        made = import_sequence(out, images, cam_from_body=mount, **given)
+    for doubt in made.info["doubts"]:
+        say(f"doubt: {doubt}", err=True)
+    say(f"{len(made)} images at {made.info['rate_hz']:g} Hz", err=True)
+    say(out)
 
 
 @click.command("export")
@@ -248,6 +274,7 @@ def evaluate_command(
 
 COMMANDS: tuple[click.Command, ...] = (
     verify_command,
+    import_command,
     export_command,
     twin_command,
     calibrate_command,

@@ -19,7 +19,7 @@ from uavbench.tracker.images.recorded_sequence import Recording, images_in, writ
 from uavbench.tracker.images.track_images import load_model
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import refuse_no_folder
-from uavbench.trajectories.files.reading import given_path
+from uavbench.trajectories.files.reading import given_path, read_toml
 from uavbench.trajectories.pose import Pose
 
 if TYPE_CHECKING:
@@ -86,6 +86,20 @@ def import_sequence(
     for doubt in made.info["doubts"]:
         warnings.warn(doubt, stacklevel=2)
     return made
+
+
+def read_mount(path: Path) -> Pose:
+    """The camera's pose on the body, by a TOML file with the one key `cam_from_body`, four rows of four, in metres.
+
+    UserError naming the file when it is missing or invalid.
+    """
+    values = read_toml(path)
+    if set(values) != {"cam_from_body"}:
+        raise UserError(f"{path}: has the keys {sorted(values)}; give cam_from_body alone, four rows of four")
+    try:
+        return Pose.from_matrix(values["cam_from_body"])
+    except (ValueError, TypeError, OverflowError) as error:
+        raise UserError(f"{path}: cam_from_body: {error}") from None
 
 
 def _refuse_content(folder: Path) -> None:

@@ -21,6 +21,7 @@ def calls(inputs, target):
             ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
         ],
         "twin": [["twin", inputs / "rendered", "--out", target]],
+        "import": [["import", *real, "--ground-truth", trial / "groundtruth.csv", "--out", target]],
         "export": [["export", trial, "--format", form, "--out", target] for form in EXPORTS],
         "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
         "planes": [

@@ -61,7 +61,12 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("bench/gate/baseline.py", "bench/test_gate_baseline"),
     ),
     "own images": tuple(
-        _target(f"bench/own_images/{name}.py", "bench/test_own_images", "bench/test_plausible_poses")
+        _target(
+            f"bench/own_images/{name}.py",
+            "bench/test_own_images",
+            "bench/test_plausible_poses",
+            "bench/test_import_command",
+        )
         for name in ("conventions", "import_sequence", "plausible_poses", "true_poses")
     ),
     "exports": (
