@@ -1,8 +1,6 @@
 """The command `uavbench`: its groups of subcommands, signals and error messages."""
 
 import errno
-import os
-import re
 import signal
 import sys
 import threading
@@ -20,6 +18,7 @@ from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
 from uavbench.bench.cli import scans as cli_scans
 from uavbench.bench.cli import suite as cli_suite
+from uavbench.bench.cli.environment import settle_environment
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import DISK_ERRORS, DiskError, UserError
 from uavbench.trajectories.lost_signals import lost_signals_raised_again, raise_until_handled
@@ -83,19 +82,6 @@ def no_working_folder() -> UserError | None:
     return None
 
 
-def check_thread_counts() -> None:
-    """UserError for a NUMBA_NUM_THREADS that numba cannot be imported with; make OMP_NUM_THREADS readable for NumExpr.
-
-    pandas imports NumExpr where it is installed, which fails for what OpenMP allows there: one number for each level.
-    """
-    count = os.environ.get("NUMBA_NUM_THREADS", "").strip()
-    if re.fullmatch(r"[+-]?[0-9]+", count) and int(count) < 1:
-        raise UserError(f"the environment variable NUMBA_NUM_THREADS is {count}; set it to 1 or more, or unset it")
-    first, *levels = os.environ.get("OMP_NUM_THREADS", "").split(",")
-    if levels and first.strip().isdecimal():
-        os.environ.setdefault("NUMEXPR_NUM_THREADS", first.strip())
-
-
 class Group(click.Group):
     """Prints user errors and I/O errors as one message, without a traceback.
 
@@ -115,7 +101,7 @@ class Group(click.Group):
             with lost_signals_raised_again(), interrupts():
                 if gone := no_working_folder():
                     raise gone
-                check_thread_counts()
+                settle_environment()
                 return super().invoke(ctx)
         except UserError as error:
             ctx.exit(told(error, ctx.invoked_subcommand))

@@ -31,7 +31,9 @@ def setup(name: str) -> str:
     """Set up a third-party tracker and return its folder; UserError for an unknown name or a missing dependency."""
     if name not in THIRD_PARTY:
         raise unknown_name("third-party tracker", name, list(THIRD_PARTY))
-    tracker = THIRD_PARTY[name]
+    tracker, home = THIRD_PARTY[name], Path.home()
+    if tracker.folder().is_relative_to(home) and not home.is_dir():
+        raise UserError(f"{home}: is your home by HOME, and is missing; name a folder in UAVBENCH_THIRD_PARTY")
     _claim(tracker.folder())
     tracker.mark(tracker.setup())
     return str(tracker.folder())

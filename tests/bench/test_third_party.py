@@ -178,6 +178,15 @@ def test_an_environment_of_another_is_not_cleared(nowhere, monkeypatch, how):
     assert (theirs / "thesis.tex").read_text() == "years of work" and place.exists()
 
 
+def test_a_home_that_is_missing_is_not_made_for_a_peer(tmp_path, monkeypatch):
+    for name in ("UAVBENCH_THIRD_PARTY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    with pytest.raises(UserError, match=r"home: is your home by HOME, and is missing; name a folder in UAVBENCH_THIRD"):
+        setup("visp")
+    assert not (tmp_path / "home").exists()
+
+
 def test_an_unknown_peer_is_named(nowhere):
     with pytest.raises(UserError, match=r"unknown third-party tracker 'vips'.*visp"):
         setup("vips")

@@ -132,6 +132,17 @@ def test_kernels_are_kept_elsewhere_where_the_cache_cannot_be_written(tmp_path, 
     assert place(key) is None
 
 
+def test_a_home_that_is_missing_is_not_made_for_kernels(tmp_path, monkeypatch):
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    place, key = folder_of.__wrapped__, "0" * 32
+    assert place(key).parent.parent == tmp_path and not (tmp_path / "home").exists()
+    (tmp_path / "home").mkdir()
+    assert place(key) == tmp_path / "home" / ".cache" / "uavbench" / "kernels" / key
+
+
 def test_a_broken_file_is_compiled_anew(tmp_path):
     def hits():
         kernel = numba.njit(pipeline_class=KernelCompiler)(scaled)

@@ -2,11 +2,12 @@
 
 import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, gettempdir
 
 
 class _Tried(Exception):
@@ -56,3 +57,14 @@ def _make(path: Path, told: Path | None) -> None:
 def make_folder(folder: Path) -> None:
     """Make a folder and those above it where they are missing."""
     folder.mkdir(parents=True, exist_ok=True)
+
+
+def temporary_folder() -> Path | None:
+    """Temporary folder of this user's caches, into which nobody else can write; None where there can be none."""
+    own = Path(gettempdir()) / f"uavbench-kernels-{os.getuid()}"
+    with suppress(OSError):
+        own.mkdir(mode=0o700, exist_ok=True)
+        about = own.lstat()
+        if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o077:
+            return own
+    return None

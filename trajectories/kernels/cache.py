@@ -11,9 +11,7 @@ import os
 import pickle
 import platform
 import re
-import stat
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -28,6 +26,7 @@ from numba.core.caching import NullCache
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
+from uavbench.trajectories.files.folders import temporary_folder
 from uavbench.trajectories.files.temporary_names import temporary
 from uavbench.trajectories.kernels.kept_imports import FILE as IMPORTS
 from uavbench.trajectories.kernels.kept_imports import remembered
@@ -228,20 +227,18 @@ def folder_of(key: str) -> Path | None:
 def homes() -> Iterator[Path]:
     """Candidate folders, best first: numba's setting, the user's cache, a temporary folder.
 
-    numba's setting counts unless it is a folder of ours, which only the user's kernels of an external program are for.
+    A home that is missing is not made. numba's setting counts unless it is a folder of ours, which only the user's
+    kernels of an external program are for.
     """
     given = Path(os.environ.get("NUMBA_CACHE_DIR", "")).absolute()
     if os.environ.get("NUMBA_CACHE_DIR") and not (given / MARKER).is_file():
         yield given / "uavbench-kernels"
-    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111, raises nothing
-    if user.is_absolute():
+    given_cache, home = os.environ.get("XDG_CACHE_HOME"), Path(os.path.expanduser("~"))  # noqa: PTH111, raises nothing
+    user = Path(given_cache or home / ".cache")
+    if user.is_absolute() and (given_cache or home.is_dir()):
         yield user / "uavbench" / "kernels"
-    own = Path(tempfile.gettempdir()) / f"uavbench-kernels-{os.getuid()}"
-    with contextlib.suppress(OSError):
-        own.mkdir(mode=0o700, exist_ok=True)
-        about = own.lstat()
-        if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o077:
-            yield own  # only this user can write there
+    if own := temporary_folder():
+        yield own
 
 
 def remove_old(home: Path) -> None:
