@@ -33,19 +33,23 @@ def open_closed_streams() -> None:
     A descriptor that a script has opened a file of its own on stays that file's, and the stream has another one.
     """
     for number, name in enumerate(NAMES):
-        opened = number
-        try:
-            os.fstat(number)
-        except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # gets the lowest number, which mostly is this one
-            os.set_inheritable(opened, True)
-        else:
-            if getattr(sys, name) is None:
-                opened = os.open(os.devnull, os.O_RDWR)
-        if getattr(sys, name) is None:
+        missing = getattr(sys, name) is None
+        if not missing and _is_open(number):
+            continue
+        opened = os.open(os.devnull, os.O_RDWR)  # gets the lowest number: this one, if it is closed
+        os.set_inheritable(opened, opened == number)
+        if missing:
             raw = io.FileIO(opened, "rb" if name == "stdin" else "wb", closefd=False)
             buffer = io.BufferedReader(raw) if name == "stdin" else io.BufferedWriter(raw)
             setattr(sys, name, io.TextIOWrapper(buffer, "utf-8", "backslashreplace"))
+
+
+def _is_open(descriptor: int) -> bool:
+    try:
+        os.fstat(descriptor)
+    except OSError:
+        return False
+    return True
 
 
 def forgive_lost_output() -> Forgiving | None:
