@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
 from uavbench.bench.inputs.plugin_files import loaded
+from uavbench.scenes.calibrations.other_tools import own_name
 
 REMOVED = {("CameraClock", "even"): "frames are always evenly spaced; delete this key"}
 """Keys of earlier versions by model and name, and what to do about them."""
@@ -45,10 +46,21 @@ def explain(model: type[BaseModel], error: Any) -> str:
             return f"{_path(keys[:-2])}.{_quoted(str(keys[-2]))}: {NAMES}"
         case "missing":
             return f"{path}: this key is missing"
+        case "literal_error" if keys[-1] == "distortion_model" and (known := own_name(str(error["input"]))):
+            return f"{path}: {error['input']!r} is {known!r} here"
+        case "list_type" | "tuple_type":
+            return f"{path}: must be a list, in square brackets, of one item, too{_got(error['input'])}"
+        case "dict_type" if isinstance(error["input"], str):
+            return f"{path}: must be a table, as {{ kind = {json.dumps(error['input'])} }}"
+        case "dict_type" | "model_type":
+            return f"{path}: must be a table, in braces{_got(error['input'])}"
         case _:
-            got = error["input"]
-            shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
-            return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
+            return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{_got(error['input'])}"
+
+
+def _got(given: Any) -> str:
+    """What was given, unless it is a table or list."""
+    return f", got {given!r}" if not isinstance(given, dict | list) else ""
 
 
 def _unknown_kind(kind: str, valid: list[str]) -> str:

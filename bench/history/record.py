@@ -165,7 +165,10 @@ def _changed(file: Path) -> Iterator[str]:
 
 
 def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) -> Recorded:
-    """One metric of one tracker, from its values by (sequence, seed); NaN for a run without one."""
+    """One metric of one tracker, from its values by (sequence, seed); NaN for a run without one.
+
+    bigger: a share, which is better the bigger it is; otherwise an error, whose mean is geometric.
+    """
     runs: dict[str, list[float]] = {}
     for sequence, seed in sorted(values):
         runs.setdefault(sequence, []).append(values[sequence, seed])
@@ -176,6 +179,7 @@ def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) 
         scaled = known if bigger else [np.log(np.maximum(each, LEAST_ERROR)) for each in known]
         found = hierarchical_interval(scaled)
         value, low, high = (v if bigger else math.exp(v) for v in (found.mean, found.low, found.high))
+        low, high = (np.clip([low, high], 0.0, 1.0 if bigger else np.inf)).tolist()
     return Recorded(
         unit=unit, better="bigger" if bigger else "smaller", value=rounded(value), low=rounded(low),
         high=rounded(high), runs={name: [rounded(v) for v in each] for name, each in runs.items()},

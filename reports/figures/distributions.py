@@ -136,11 +136,13 @@ def draw_sweep(
         xs = sorted(points)
         found = [hierarchical_interval(points[x]) for x in xs]
         index = colours.get(name, 0)
-        bounds = np.array([[f.low, f.high] for f in found])
-        bounds = np.clip(bounds, 0, 100) if share else bounds
+        bounds = np.clip([[f.low, f.high] for f in found], 0.0, 100.0 if share else np.inf)
         panel.fill_between(xs, *bounds.T, color=colour(index), alpha=0.2, lw=0)
         panel.plot(xs, [f.mean for f in found], label=name, **{**line(index), "marker": marker(index)["marker"]})
-        rows += [[name, x, f.mean, finite(f.low), finite(f.high), f.n, f.why] for x, f in zip(xs, found, strict=True)]
+        rows += [
+            [name, x, f.mean, finite(low), finite(high), f.n, f.why]
+            for x, f, (low, high) in zip(xs, found, bounds.tolist(), strict=True)
+        ]
     values = [row[1] for row in rows]
     if values and min(values) > 0 and max(values) > 10 * min(values):
         logarithmic(panel.xaxis)

@@ -50,7 +50,7 @@ def write_leaderboard(folder: Path, scores: ListOf[SubmissionScore], title: str)
     """
     _refuse_mixed(scores)
     ranked = sorted(scores, key=lambda score: (-score.score, score.name))
-    table = Table(CAPTION, COLUMNS, tuple((score.name, _cells(score, ranked)) for score in ranked))
+    table = Table(CAPTION, COLUMNS, tuple((score.name, _cells(score, ranked)) for score in ranked), of="submission")
     write_tables(table, folder / "tables" / "leaderboard")
     text = environment().get_template("page_leaderboard.html").render(
         title=title, css=asset("page.css"), js=asset("page.js"), challenge=ranked[0].challenge,
@@ -101,7 +101,7 @@ def _cell(score: SubmissionScore, column: Column) -> Cell:
 
 
 def _ranking(table: Table, ranked: ListOf[SubmissionScore]) -> dict[str, Any]:
-    heads = [{"name": "submission", "unit": "", "best": "min"}]
+    heads = [{"name": table.of, "unit": "", "best": "min"}]
     heads += [{"name": column.head, "unit": column.unit, "best": column.best} for column in table.columns]
     rows = []
     for k, (score, (name, cells)) in enumerate(zip(ranked, table.rows, strict=True)):

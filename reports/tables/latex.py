@@ -64,7 +64,7 @@ ESCAPES = {
 
 def _names(table: Table) -> list[str]:
     """The first column of a table, with its head."""
-    return ["tracker", *(name for name, _ in table.rows), *table.absent]
+    return [table.of, *(name for name, _ in table.rows), *table.absent]
 
 
 def _blocks(table: Table, width_pt: float) -> list[list[int]]:
@@ -109,7 +109,7 @@ def _tabular(table: Table, columns: list[int]) -> str:
     lines = [
         rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
-        " & ".join(["tracker", *(tex(_head(column)) for column in chosen)]) + r" \\",
+        " & ".join([table.of, *(tex(_head(column)) for column in chosen)]) + r" \\",
         " & ".join(["", *(_small(_unit(column)) for column in chosen)]) + r" \\",
     ]
     rate: str | None = None

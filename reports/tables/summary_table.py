@@ -71,7 +71,8 @@ class Cell:
 class Table:
     """Rows of named cells under columns; absent: trackers that are not installed, without numbers.
 
-    coverage: a sentence with the coverage of each row, for captions of errors without a column of it.
+    coverage: a sentence with the coverage of each row, for captions of errors without a column of it; of: what each row
+    is of, the head of their names.
     """
 
     caption: str
@@ -79,6 +80,7 @@ class Table:
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
     absent: tuple[str, ...] = ()
     coverage: str = ""
+    of: str = "tracker"
 
     def select(self, heads: ListOf[str]) -> "Table":
         """The table with the columns of these heads, in this order; UserError for an unknown head."""

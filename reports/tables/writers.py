@@ -62,7 +62,7 @@ def heads(table: Table) -> list[str]:
 
 def markdown(table: Table) -> str:
     """The table in Markdown."""
-    lines = [_row(["tracker", *heads(table)]), "|" + " --- |" + " ---: |" * len(table.columns)]
+    lines = [_row([table.of, *heads(table)]), "|" + " --- |" + " ---: |" * len(table.columns)]
     lines += [_row([name, *map(_shown, cells)]) for name, cells in table.rows]
     lines += [_row([name, *["absent"] * len(table.columns)]) for name in table.absent]
     return "\n".join([*lines, "", table.caption, ""])
@@ -79,7 +79,7 @@ def _shown(cell: Cell) -> str:
 
 def _numbers(table: Table) -> tuple[list[str], list[list[object]]]:
     """Heads and rows of the CSV: mean and interval of each column, `n/a` for an undefined interval."""
-    columns = ["tracker"]
+    columns = [table.of]
     for head in heads(table):
         columns += [head, f"{head} low", f"{head} high"]
     rows = []

@@ -24,9 +24,12 @@ PIECES = 33
 def contact_sheet(
     sequence: Sequence, columns: int = COLUMNS, rows: int = ROWS, width_px: int = WIDTH_PX
 ) -> NDArray[np.uint8]:
-    """Frames (BGR) evenly spread over the sequence, with a legend under them; the right half of each row with edges."""
-    count = columns * rows
-    frames = np.unique(np.linspace(0, len(sequence) - 1, count).astype(int)).tolist()
+    """Frames (BGR) evenly spread over the sequence, with a legend under them; the right half of each row with edges.
+
+    A sequence with fewer frames has as many rows as they fill.
+    """
+    frames = np.unique(np.linspace(0, len(sequence) - 1, columns * rows).astype(int)).tolist()
+    rows = -(-len(frames) // columns)
     height = round(width_px * sequence.camera.height / sequence.camera.width)
     sheet = np.full((rows * height + LEGEND_PX, columns * width_px, 3), 24, dtype=np.uint8)
     for k, frame in enumerate(frames):

@@ -293,6 +293,7 @@ def test_the_leaderboard_ranks_what_was_scored(challenge, submitted, tmp_path):
     assert page.index("1. &lt;b&gt;First&lt;/b&gt;") < page.index("2. second") and "<b>First" not in page
     assert "[no-file] sequence-02: there is no file" in page and "<h1>Spring</h1>" in page
     rows = (board / "tables" / "leaderboard.csv").read_text().splitlines()
+    assert rows[0].startswith("submission,score") and "tracker" not in (board / "index.html").read_text()
     assert [row.split(",")[0] for row in rows[1:]] == ["<b>First</b>", "second"]
     assert "15.0" in (board / "tables" / "leaderboard.md").read_text()
     for hidden in Challenge.load(challenge / "kept").sequences.values():
@@ -311,7 +312,10 @@ def test_scores_have_intervals_and_the_best_is_tested(tmp_path):
 
     high, low = drawn("high", [80, 82, 85, 88, 84, 90]), drawn("low", [20, 25, 21, 30, 22, 28])
     write_leaderboard(tmp_path / "a", [low, high], "a")
-    first = (tmp_path / "a" / "tables" / "leaderboard.md").read_text().splitlines()[2]
+    tables = tmp_path / "a" / "tables"
+    assert "submission & score" in (tables / "leaderboard.tex").read_text()
+    assert (tables / "leaderboard.md").read_text().startswith("| submission | score")
+    first = (tables / "leaderboard.md").read_text().splitlines()[2]
     assert first.startswith("| high | **84.8**\\* [8")
     write_leaderboard(tmp_path / "b", [drawn("one", [50, 60, 70]), drawn("two", [60, 50, 71])], "b")
     assert "\\*" not in (tmp_path / "b" / "tables" / "leaderboard.md").read_text().split("Score:")[0]

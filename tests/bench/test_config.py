@@ -262,6 +262,20 @@ def test_three_mistakes_are_told_at_once(tmp_path):
             "sequences.box.camera: cx_px 80000",
             "more than 85 degrees from the optical axis",
         ),
+        (
+            "effects =",
+            'camera = { distortion_model = "plumb_bob", distortion = [0.1, 0, 0, 0, 0] }\neffects =',
+            "sequences.box.camera.distortion_model",
+            "'plumb_bob' is 'radtan' here",
+        ),
+        (
+            "effects =",
+            'sensors = { kind = "imu" }\neffects =',
+            "sequences.box.sensors",
+            "must be a list, in square brackets, of one item, too",
+        ),
+        ("effects =", 'sensors = ["imu"]\neffects =', "sequences.box.sensors[0]", 'a table, as { kind = "imu" }'),
+        ("effects =", "camera = 3\neffects =", "sequences.box.camera", "must be a table, in braces, got 3"),
         ("title", "titel", "titel", "did you mean 'title'"),
         ("rates_hz = [15.0]", "rates_hz = [15.0]\nsensors = []", "sensors", "did you mean 'sequences.NAME.sensors'"),
         (

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
-from uavbench.bench.history.record import alone
+from uavbench.bench.history.record import _recorded, alone
 from uavbench.bench.history.validation import RERUNS, Trial, history_of, measured, resampled
 from uavbench.reports.history import change_points
 from uavbench.reports.history.change_points import changes
@@ -32,6 +32,16 @@ def noisy(commits, seed=0, flights=FLIGHTS):
 
 def found(errors):
     return changes(series_of(history_of(errors), *NAME))
+
+
+def test_the_interval_of_a_share_ends_where_shares_do():
+    """The widened bootstrap of these reaches beyond."""
+    shares = {(f"flight-{k}", 0): value for k, value in enumerate([1.0, 1.0, 0.6, 1.0])}
+    found = _recorded(shares, "", bigger=True)
+    assert (found.value, found.high) == (0.9, 1.0) and 0.4 < found.low < 0.6
+    least = _recorded({key: 1.0 - value for key, value in shares.items()}, "", bigger=True)
+    assert least.low == 0.0
+    assert _recorded({key: 5.0 + key[0].count("3") for key in shares}, "cm", bigger=False).high > 5.0
 
 
 def test_a_folder_that_a_failed_record_removed_is_locked_as_it_was_made_again(tmp_path):

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from uavbench.reports.figures.comparison import draw_accuracy_and_coverage
+from uavbench.reports.figures.distributions import draw_sweep
 from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.report import ReportInputs, write_report
 from uavbench.reports.scoring.attributes import blur_px, occlusion
@@ -188,6 +189,13 @@ def test_the_curves_of_a_sweep_hold_the_scores(three: list[Sequence], tmp_path: 
     assert [float(row["value"]) for row in rows] == [1, 2, 4]
     assert [float(row["mean"]) for row in rows] == pytest.approx([1, 2, 4], rel=1e-6)
     assert all(float(row["mean"]) == 100 for row in csv.DictReader(success[-1].with_suffix(".csv").open()))
+
+
+def test_the_interval_of_a_share_ends_at_100_percent_in_the_figure_and_its_numbers() -> None:
+    found = {1.0: [np.array([share]) for share in (100.0, 100.0, 60.0, 100.0)]}
+    panel = Figure().subplots()
+    (row,) = draw_sweep({"lsd": found}, {"lsd": 0}, panel, swept="noise", metric="success", share=True).rows
+    assert row[2:3] + row[4:5] == [90.0, 100.0] and 40 < row[3] < 60
 
 
 def test_blur_is_the_motion_while_the_shutter_is_open(three: list[Sequence]) -> None:

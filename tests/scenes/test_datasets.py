@@ -10,7 +10,7 @@ from evo.tools import file_interface
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, load_edges, read_depth
-from uavbench.scenes.dataset.contact_sheet import LEGEND_PX, write_contact_sheet
+from uavbench.scenes.dataset.contact_sheet import LEGEND_PX, contact_sheet, write_contact_sheet
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import compare, verify, write_manifest
 from uavbench.scenes.effects.exposure import RollingShutter
@@ -321,4 +321,13 @@ def test_a_contact_sheet_is_one_picture(sequence: Sequence, tmp_path: Path) -> N
     write_contact_sheet(sequence, tmp_path / "sheet.png")
     sheet = cv2.imread(str(tmp_path / "sheet.png"))
     assert sheet is not None
-    assert sheet.shape == (900 + LEGEND_PX, 1600, 3)
+    assert sheet.shape == (600 + LEGEND_PX, 1600, 3)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(2, 3), (4, 2), (5, 2), (6, 1)])
+def test_a_contact_sheet_of_few_frames_has_no_empty_row(sequence: Sequence, columns: int, rows: int) -> None:
+    assert len(sequence) == 6
+    height = round(100 * sequence.camera.height / sequence.camera.width)
+    sheet = contact_sheet(sequence, columns, 3, 100)
+    assert sheet.shape == (rows * height + LEGEND_PX, columns * 100, 3)
+    assert sheet[(rows - 1) * height : rows * height, :100].std() > 5

@@ -8,7 +8,7 @@ import pytest
 
 from tests.bench.conftest import in_one_process
 from tests.bench.small_suites import OWN_IMAGES, own_images
-from uavbench.tracker.images.image_names import doubts_of_names, refuse_twins, stamps_in_names
+from uavbench.tracker.images.image_names import doubts_of_names, doubts_of_order, refuse_twins, stamps_in_names
 from uavbench.tracker.images.track_images import in_order
 from uavbench.trajectories.errors import UserError
 
@@ -121,6 +121,24 @@ def test_whole_seconds_may_be_without_decimals(tmp_path, form, rate_hz):
     assert [path.name for path in in_order(tmp_path)] == names
     stamps = stamps_in_names(in_order(tmp_path))
     assert stamps is not None and np.allclose(stamps / 1e9, np.arange(70) / rate_hz, atol=6e-3)
+
+
+@pytest.mark.parametrize("written", ["{!r}", "{:g}", "{:.2e}", "{:.1E}"])
+def test_seconds_with_an_exponent_are_in_the_order_of_time(tmp_path, written):
+    seconds = [0.0, 2e-05, 0.0001, 0.025, 1.0, 20.0]
+    names = [f"{written.format(second)}.png" for second in seconds]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names
+    assert (stamps_in_names(in_order(tmp_path)) == np.rint(np.array(seconds) * 1e9)).all()
+    assert doubts_of_order(in_order(tmp_path)) == []
+
+
+def test_letters_among_counts_are_no_exponents(tmp_path):
+    names = ["1e3_left.png", "1e10_left.png", "2e1_left.png"]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names and stamps_in_names(in_order(tmp_path)) is None
 
 
 def test_images_of_two_flights_may_be_given_one_after_the_other():

@@ -23,6 +23,10 @@ SECONDS = re.compile(r"((?:.*[^0-9])?)([0-9]+)\.([0-9]+)([^0-9]*)")
 """Name whose last number has decimals, or that ends in two numbers, as of a take and its images."""
 WHOLE_SECONDS = re.compile(r"((?:.*[^0-9.])?)([0-9]+)([^0-9]*)")
 """Name with a whole number in the place of these: many programs write 0 and 0.5, not 0.0 and 0.5."""
+EXPONENT = r"[0-9]+(?:\.[0-9]+)?[eE][-+]?[0-9]{1,2}"
+"""Number with an exponent, as programs write small seconds: `5e-05`."""
+PLAIN = re.compile(rf"{EXPONENT}|[0-9]+(?:\.[0-9]+)?")
+"""Name that is one number, with an exponent or without."""
 EPOCH_DIGITS, MOST_COUNTED_DIGITS = 10, 8
 """Digits of whole seconds since 1970 from 2001 on; of the largest count of images behind a point."""
 DATE_TIME = re.compile(
@@ -39,8 +43,11 @@ JITTER, DRIFT = 0.1, 0.01
 
 
 def by_numbers(name: str, seconds: bool = False) -> list[str | Decimal]:
-    """Texts and numbers of a name, in turn: a text first, which may be empty; seconds: the last one has decimals."""
-    decimals = r"[0-9]+\.[0-9]+(?![0-9]|\.[0-9])|" if seconds else ""
+    """Texts and numbers of a name, in turn: a text first, which may be empty.
+
+    seconds: the last number has decimals, or the whole name is one with an exponent.
+    """
+    decimals = rf"\A{EXPONENT}\Z|[0-9]+\.[0-9]+(?![0-9]|\.[0-9])|" if seconds else ""
     parts = re.split(f"({decimals}[0-9]+)", name)
     return [Decimal(part) if place % 2 else part for place, part in enumerate(parts)]
 
@@ -48,10 +55,15 @@ def by_numbers(name: str, seconds: bool = False) -> list[str | Decimal]:
 def in_seconds(images: Sequence[Path]) -> bool:
     """Whether the names end in seconds with decimals, as in TUM RGB-D: `0.2` comes after `0.133333` then.
 
+    So do names that are numbers, some with an exponent: `0.0`, `5e-05`, `0.0001`.
+
     Two counts, as of takes and their images, are no such: counts are as wide as each other, or have no zeros in front
     and are not evenly apart if read as seconds. Those of takes do not go on from 9 with 0 of the next one.
     """
-    found = [SECONDS.fullmatch(path.stem) for path in images]
+    stems = [path.stem for path in images]
+    if any(re.fullmatch(EXPONENT, stem) for stem in stems) and all(map(PLAIN.fullmatch, stems)):
+        return True
+    found = [SECONDS.fullmatch(stem) for stem in stems]
     pairs = [(each[2], each[3]) for each in found if each]
     if not pairs:
         return False
