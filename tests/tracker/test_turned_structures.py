@@ -89,7 +89,7 @@ def flown(unseen_s, seen_deg, again_deg):
     found, unseen = [], round(unseen_s * RATE_HZ)
     for k, angle in enumerate([*seen_deg, *[None] * unseen, *again_deg]):
         pose = None if angle is None else at_side(angle)
-        shown = scene.render(pose, noise_rng=rng) if pose else rng.integers(100, 140, (480, 640, 3)).astype(np.uint8)
+        shown = scene.render(pose, noise_rng=rng) if pose else rng.integers(100, 140, (480, 640, 3), np.uint8)
         result = run.track(shown, k * STEP_NS)
         if pose is not None:
             known = result.cam_from_world
