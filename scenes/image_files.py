@@ -33,6 +33,10 @@ LIKE = 1.01
 """Ratio of width to height up to which an image may be a resized one of the camera's: sides are whole numbers."""
 PNG, EXIF_OF_PNG = b"\x89PNG\r\n\x1a\n", b"eXIf"
 """First bytes of PNG files, and the name of their chunk of Exif data."""
+XMP = ("xmp", "XML:com.adobe.xmp")
+"""Texts beside Exif data that tell an orientation to Pillow, but not to OpenCV, which decodes the images."""
+TURNS = range(1, 9)
+"""Orientations of Exif data: 1 not turned, 3 upside down."""
 JPEG = b"\xff\xd8\xff"
 """First bytes of JPEG files."""
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -131,7 +135,10 @@ def exif_turn(data: bytes) -> int:
         warnings.simplefilter("ignore")
         try:
             with Image.open(io.BytesIO(data), formats=KINDS) as image:
-                return int(image.getexif().get(ORIENTATION, 1)) or 1
+                for text in XMP:
+                    image.info.pop(text, None)
+                turn = int(image.getexif().get(ORIENTATION, 1))
+                return turn if turn in TURNS else 1
         except Exception:  # what is wrong with it is told where it is decoded
             return 1
 

@@ -47,7 +47,7 @@ def planes_command(scan: Path, out: Path, unit: Any, up: Any, min_area_m2: float
     write_planar_model(model, out)
     write_edge_picture(structure, mesh.vertices[mesh.triangles], picture)
     size_m = float(np.ptp(model.vertices, axis=0).max())
-    if size_m >= FAR:
+    if unit == "m" and size_m >= FAR:
         say(f"doubt: the model is {size_m:,.4g} m large: is the scan in millimetres? Then give --unit mm", err=True)
     say(f"{model.planes} planes with {len(structure.edges)} edges in {len(mesh.triangles):,} triangles")
     say(f"noise {1000 * model.noise_m:.2g} mm, sides of triangles {1000 * model.side_m:.2g} mm")

@@ -12,6 +12,8 @@ from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
 from uavbench.bench.inputs.plugin_files import loaded
 from uavbench.scenes.calibrations.other_tools import own_name
 
+NAMED_TABLES = ("sequences", "recordings", "trackers", "loops")
+"""Keys of a suite that hold tables, each with a name of its own."""
 REMOVED = {("CameraClock", "even"): "frames are always evenly spaced; delete this key"}
 """Keys of earlier versions by model and name, and what to do about them."""
 
@@ -49,7 +51,9 @@ def explain(model: type[BaseModel], error: Any) -> str:
         case "literal_error" if keys[-1] == "distortion_model" and (known := own_name(str(error["input"]))):
             return f"{path}: {error['input']!r} is {known!r} here"
         case "list_type" | "tuple_type":
-            return f"{path}: must be a list, in square brackets, of one item, too{_got(error['input'])}"
+            return f"{path}: must be a list, in square brackets, also of one item{_got(error['input'])}"
+        case "dict_type" if keys[-1] in NAMED_TABLES:
+            return f"{path}: must be tables with names, as [{path}.NAME]{_got(error['input'])}"
         case "dict_type" if isinstance(error["input"], str):
             return f"{path}: must be a table, as {{ kind = {json.dumps(error['input'])} }}"
         case "dict_type" | "model_type":

@@ -99,7 +99,7 @@ def read_mount(path: Path) -> Pose:
     try:
         return Pose.from_matrix(values["cam_from_body"])
     except (ValueError, TypeError, OverflowError) as error:
-        raise UserError(f"{path}: cam_from_body: {error}") from None
+        raise UserError(f"{path}: cam_from_body: {error}; give four rows of four numbers, in metres") from None
 
 
 def _refuse_content(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Registry of the third-party trackers: their setup, and whether they are available."""
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def setup(name: str) -> str:
     """Set up a third-party tracker and return its folder; UserError for an unknown name or a missing dependency."""
     if name not in THIRD_PARTY:
         raise unknown_name("third-party tracker", name, list(THIRD_PARTY))
-    tracker, home = THIRD_PARTY[name], Path.home()
+    tracker, home = THIRD_PARTY[name], Path(os.path.expanduser("~"))  # noqa: PTH111, raises nothing
     if tracker.folder().is_relative_to(home) and not home.is_dir():
         raise UserError(f"{home}: is your home by HOME, and is missing; name a folder in UAVBENCH_THIRD_PARTY")
     _claim(tracker.folder())

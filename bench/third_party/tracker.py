@@ -37,7 +37,7 @@ class ThirdPartyTracker(ABC):
     @classmethod
     def folder(cls) -> Path:
         """Folder in which it is set up: `$UAVBENCH_THIRD_PARTY/NAME`, by default in the user's cache."""
-        cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111, raises nothing
         return Path(os.environ.get("UAVBENCH_THIRD_PARTY") or f"{cache}/uavbench/third-party") / cls.name
 
     @classmethod

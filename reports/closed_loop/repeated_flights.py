@@ -8,7 +8,8 @@ from dataclasses import asdict
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.statistics.repeats import Observation, Repeats
 
-NAMES = ("label", "run", "rate_hz", "sequence", "seed", "faults")
+NAMES = ("label", "run", "rate_hz", "sequence", "seed", "why", "faults")
+"""Fields that are no numbers: names, and words in which names may be."""
 
 
 def repeats_of(scores: Sequence[FlightScore]) -> Repeats:

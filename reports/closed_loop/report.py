@@ -167,7 +167,7 @@ def write_page(
         runs=len(by_run(scores)),
         heads=ON_PAGE,
         rows=[(*names, on_page(cells(group))) for names, group in groups_of(notes.judged(scores)).items()],
-        told=" ".join(told(scores)),
+        told=" ".join(told(notes.every(scores))),
         failures=[s for s in scores if not s.success],
         faulty=[s for s in scores if s.success and s.faults],
         faults_of=faults_of,

@@ -50,10 +50,14 @@ class FlightNotes:
     absent: Mapping[str, str]
     videos: tuple[str, ...] = ()
 
-    def judged(self, scores: ListOf[FlightScore]) -> list[FlightScore]:
-        """The flights that count: those that are observations of their own, and as no success those that failed."""
+    def every(self, scores: ListOf[FlightScore]) -> list[FlightScore]:
+        """The flights of these scores, and as no success those that could not be flown."""
         names = ((name.partition(" "), why) for name, why in self.failed.items())
-        return [*counted(scores), *(FlightScore.not_flown(sequence, run, why) for (sequence, _, run), why in names)]
+        return [*scores, *(FlightScore.not_flown(sequence, run, why) for (sequence, _, run), why in names)]
+
+    def judged(self, scores: ListOf[FlightScore]) -> list[FlightScore]:
+        """Of every flight those that are observations of their own."""
+        return counted(self.every(scores))
 
 
 def why_failed(score: FlightScore) -> str:
@@ -80,7 +84,7 @@ def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
     """Markdown table of the measures by sequence, tracker, rate and loop, over seeds."""
     lines = [f"# {notes.title}", "", *_head(["sequence", "tracker"], HEADS)]
     lines += [_row([*names, *cells(group)]) for names, group in groups_of(notes.judged(scores)).items()]
-    lines += ["", *told(scores)]
+    lines += ["", *told(notes.every(scores))]
     lines += [
         f"{s.sequence} {s.run}: {s.status} at {s.ended_s:.2f} s: {why_failed(s)}" for s in scores if not s.success
     ]

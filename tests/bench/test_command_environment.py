@@ -4,8 +4,10 @@ import os
 import subprocess
 import sys
 
+import matplotlib
 import pytest
 
+from uavbench.bench.cli.environment import settle_matplotlib
 from uavbench.bench.trial.check import TRIAL
 
 READS_A_NUMBER = """__version__ = '99'
@@ -49,6 +51,14 @@ def test_figures_are_drawn_whatever_backend_is_asked_for(tmp_path, backend):
     done = plot(tmp_path, MPLBACKEND=backend)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "plot.png").is_file()
+
+
+@pytest.mark.parametrize(("asked", "kept"), [("TkAgg", "TkAgg"), ("module://mine", "module://mine"), ("nosuch", "agg")])
+def test_only_a_backend_that_matplotlib_does_not_know_is_replaced(monkeypatch, asked, kept):
+    monkeypatch.setenv("MPLBACKEND", asked)
+    monkeypatch.setitem(matplotlib.rcParams, "backend", "agg")
+    settle_matplotlib()
+    assert os.environ["MPLBACKEND"] == kept
 
 
 def test_a_home_that_is_missing_is_not_made(tmp_path):

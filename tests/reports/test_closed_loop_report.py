@@ -90,6 +90,14 @@ def test_a_flight_that_could_not_be_flown_counts_as_no_success(tmp_path):
     assert rows[2][-1] == "", "no path error where nothing was flown"
 
 
+def test_flights_that_could_not_be_flown_count_once_where_their_seeds_repeat_one_flight():
+    same = [replace(score("a@15hz", 0), seed=seed, sequence=f"box-s{seed}") for seed in range(3)]
+    notes = FlightNotes("flights", {f"box-s{seed} b@15hz": f"box-s{seed}: fails" for seed in range(3)}, {})
+    lines = [line for line in table(notes, same).splitlines() if line.startswith("| box")]
+    assert lines[0].startswith("| box | a@15hz | 1 | 1 |")
+    assert lines[1].startswith("| box | b@15hz | 0 of 1 | 0 | 0-79 |")
+
+
 def test_the_worst_flight_of_a_run_is_one_that_failed():
     runs = [FlownRun(Path(str(s.seed)), s) for s in flights("a", "+-+")]
     assert worst_of(runs).score.seed == 1

@@ -14,7 +14,7 @@ from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.calibration import calibrate
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.image_files import ORIENTATION, decoded, is_plain, load_image, read_image
+from uavbench.scenes.image_files import ORIENTATION, decoded, exif_turn, is_plain, load_image, read_image
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.images.recorded_sequence import Files, RecordingSpec, record
 from uavbench.tracker.images.track_images import track_images
@@ -201,6 +201,22 @@ def test_a_turned_image_is_recorded_as_it_is_shown(tmp_path):
     with Image.open(sequence.folder / sequence.files[0]) as image:
         assert image.size == (sequence.camera.width, sequence.camera.height), "to who knows no Exif"
     np.testing.assert_array_equal(sequence.image(0), Sequence.load(TRIAL).image(0))
+
+
+XMP_TURNED = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+<rdf:Description xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Orientation="3"/></rdf:RDF></x:xmpmeta>"""
+
+
+@pytest.mark.parametrize(("orientation", "xmp", "turn"), [(3, b"", 3), (9, b"", 1), (1, XMP_TURNED, 1)])
+def test_an_image_is_turned_as_the_decoder_turns_it(tmp_path, orientation, xmp, turn):
+    corner, exif = np.zeros((16, 24, 3), np.uint8), Image.Exif()
+    corner[:8, :12] = 255
+    exif[ORIENTATION] = orientation
+    Image.fromarray(corner).save(tmp_path / "a.jpg", exif=b"" if xmp else exif, xmp=xmp)
+    data = (tmp_path / "a.jpg").read_bytes()
+    assert exif_turn(data) == turn
+    shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert (shown[2, 2] < 128) == (turn == 3)
 
 
 def test_images_of_a_folder_that_are_turned_differently_are_told(tmp_path):

@@ -134,8 +134,15 @@ def test_seconds_with_an_exponent_are_in_the_order_of_time(tmp_path, written):
     assert doubts_of_order(in_order(tmp_path)) == []
 
 
-def test_letters_among_counts_are_no_exponents(tmp_path):
-    names = ["1e3_left.png", "1e10_left.png", "2e1_left.png"]
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["1e3_left.png", "1e10_left.png", "2e1_left.png"],
+        ["1e1.png", "1e2.png", "1e10.png", "2e1.png"],
+        ["1E1.png", "1E2.png", "1E10.png", "1E30.png", "10.png"],
+    ],
+)
+def test_letters_among_counts_are_no_exponents(tmp_path, names):
     for name in reversed(names):
         (tmp_path / name).touch()
     assert [path.name for path in in_order(tmp_path)] == names and stamps_in_names(in_order(tmp_path)) is None
@@ -231,6 +238,8 @@ def test_a_recorded_suite_tells_of_times_beside_its_images_and_of_black_ones(tmp
     (["1403636579813555456.png", "1403636579763555584.png"], None),
     (["99999999999999999990.png", "99999999999999999991.png"], None),
     (["first.png", "1403636579763555584.png"], None),
+    (["9999999999.5.png", "10000000000.5.png"], None),
+    (["9300000000000000000.png", "9300000000050000000.png"], None),
 ])  # fmt: skip
 def test_stamps_are_those_of_names_that_are_times(names, stamps_ns):
     found = stamps_in_names([Path(name) for name in names])

@@ -23,8 +23,8 @@ SECONDS = re.compile(r"((?:.*[^0-9])?)([0-9]+)\.([0-9]+)([^0-9]*)")
 """Name whose last number has decimals, or that ends in two numbers, as of a take and its images."""
 WHOLE_SECONDS = re.compile(r"((?:.*[^0-9.])?)([0-9]+)([^0-9]*)")
 """Name with a whole number in the place of these: many programs write 0 and 0.5, not 0.0 and 0.5."""
-EXPONENT = r"[0-9]+(?:\.[0-9]+)?[eE][-+]?[0-9]{1,2}"
-"""Number with an exponent, as programs write small seconds: `5e-05`."""
+EXPONENT = r"[0-9]+(?:\.[0-9]+[eE][-+]?|[eE][-+])[0-9]{1,2}"
+"""Number with an exponent, as programs write small seconds: `5e-05`, `1.3E9`; in `1e10` a letter parts two counts."""
 PLAIN = re.compile(rf"{EXPONENT}|[0-9]+(?:\.[0-9]+)?")
 """Name that is one number, with an exponent or without."""
 EPOCH_DIGITS, MOST_COUNTED_DIGITS = 10, 8
@@ -114,7 +114,10 @@ def stamps_in_names(images: Sequence[Path]) -> NDArray[np.int64] | None:
     if (not seconds and digits < STAMP_DIGITS) or digits > MOST_STAMP_DIGITS or _dates(images) is not None:
         return None
     unit_ns = 10**9 if seconds else next(10 ** (9 - k) for k in (3, 6, 9) if digits <= STAMP_DIGITS + k - 1 or k == 9)
-    stamps_ns = np.array([int(number * unit_ns) for number in numbers], dtype=np.int64)
+    whole_ns = [int(number * unit_ns) for number in numbers]
+    if max(whole_ns) > np.iinfo(np.int64).max:
+        return None
+    stamps_ns = np.array(whole_ns, dtype=np.int64)
     return stamps_ns if (np.diff(stamps_ns) > 0).all() else None
 
 
