@@ -4,8 +4,6 @@ The covariance of a fit is that of its own matches. Where the border of a face, 
 it are seen a pixel apart, fits from poses around end at others, by other matches that explain the frame as well.
 """
 
-import math
-
 import numpy as np
 
 from uavbench.tracker.robust.fit.pose_fit import Fit
@@ -17,22 +15,16 @@ class Spread:
 
     A fit that is more likely than the one there counts as one that is as likely: the likelihoods of fits to the same
     edges scatter by powers of ten, and a few would outweigh all others.
-    lead: powers of ten by which chance explains each fit more easily that ends farther away than `accuracy`, at least.
     """
 
-    def __init__(self, accuracy: float) -> None:
-        self.accuracy = accuracy
+    def __init__(self) -> None:
         self.away: list[Array] = []
         self.weights: list[float] = []
-        self.lead = math.inf
 
     def add(self, there: Fit, found: Fit, range_m: float) -> None:
         """Add a fit that began around the pose of another one, or that one itself."""
         self.away.append(away(there, found, range_m))
-        lead = found.chance.whole - there.chance.whole
-        self.weights.append(10.0 ** min(0.0, -lead))
-        if np.linalg.norm(self.away[-1]) > self.accuracy:
-            self.lead = min(self.lead, lead)
+        self.weights.append(10.0 ** min(0.0, there.chance.whole - found.chance.whole))
 
     @property
     def sigma(self) -> float:

@@ -21,9 +21,6 @@ from uavbench.trajectories.pose import Pose
 ENOUGH = 32
 """Poses tried around one after which it is not doubted any more, if they tell it well enough. Measured on 264 wrong
 initial poses, before their spread was: with 16, three wrong poses of nine are kept, with 32 none."""
-CLEARLY_ENOUGH = 16
-"""The same of a pose that chance explains less than every other at which they end, by as many powers of ten as leave no
-doubt after a loss."""
 ELSEWHERE_EVERY = 4
 """Of so many poses that are fitted, the last is around the best other pose: of two equal boxes a search may have found
 one, and of the other no more than where it is."""
@@ -47,14 +44,14 @@ class Doubts:
 
     def begin(self, fit: Fit, judged: int = 1) -> None:
         """Doubt the pose of a fit by which nothing was learned yet, the best one of so many frames that were judged."""
-        self.surrounding, self.without_room, self.spread = 0, 0, Spread(self.config.loss.accuracy)
+        self.surrounding, self.without_room, self.spread = 0, 0, Spread()
         self.judged, self.by_chance = judged, is_by_chance(fit, judged)
         self.elsewhere, self.support_elsewhere = self.relocator.elsewhere, 0.0
 
     def end(self) -> None:
         """Doubt no pose."""
         self.surrounding, self.without_room, self.judged, self.by_chance = ENOUGH, 0, 0, False
-        self.spread, self.elsewhere, self.support_elsewhere = Spread(self.config.loss.accuracy), None, 0.0
+        self.spread, self.elsewhere, self.support_elsewhere = Spread(), None, 0.0
 
     @property
     def settled(self) -> bool:
@@ -64,13 +61,7 @@ class Doubts:
     @property
     def surrounded(self) -> bool:
         """Whether enough poses were tried around the present one."""
-        return self.tried_enough or self.without_room >= MOST_FRAMES
-
-    @property
-    def tried_enough(self) -> bool:
-        """Whether enough poses were tried to tell the present one, by how clearly it leads those that end elsewhere."""
-        clear = self.spread.lead > -self.config.loss.log10_false_alarms
-        return self.surrounding >= (CLEARLY_ENOUGH if clear else ENOUGH)
+        return self.surrounding >= ENOUGH or self.without_room >= MOST_FRAMES
 
     def anew(self, image: Image, fit: Fit, range_m: float) -> Fit:
         """A fit at the pose of a given one, without memory."""
@@ -100,8 +91,8 @@ class Doubts:
         self.by_chance &= is_by_chance(base, self.judged)
         best = self.best_around(image, base, range_m)
         told = 2.0 * self.spread.sigma <= self.config.loss.accuracy
-        if self.tried_enough and not (told and self.leads(base)):
-            self.surrounding, self.without_room, self.spread = 0, 0, Spread(self.config.loss.accuracy)
+        if self.surrounding >= ENOUGH and not (told and self.leads(base)):
+            self.surrounding, self.without_room, self.spread = 0, 0, Spread()
             self.support_elsewhere = 0.0
         if is_by_chance(best, 1) or best.support <= base.support + config.lead_of_rivals:
             return None
