@@ -1,12 +1,11 @@
 """`uavbench import`: images of one's own with known poses, made a sequence by a command."""
 
-import shutil
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import uavbench as ub
+from tests.bench.small_suites import own_images
 from uavbench.bench.cli.main import main
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.dataset.sequence import Sequence
@@ -30,9 +29,7 @@ def poses(trial):
 def own(tmp_path_factory, poses):
     """Images, model, camera and poses as a user has them."""
     folder = tmp_path_factory.mktemp("own")
-    shutil.copytree(TRIAL / "frames", folder / "frames")
-    for name in ("model.obj", "camera.toml"):
-        shutil.copy(TRIAL / name, folder / name)
+    own_images(folder)
     write_tum(poses, folder / "poses.tum")
     return folder
 

@@ -10,6 +10,7 @@ import pytest
 
 import uavbench as ub
 from tests.bench.conftest import in_one_process
+from tests.bench.small_suites import own_images
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.own_images.true_poses import rate_of
 from uavbench.bench.trial.check import TRIAL
@@ -55,9 +56,7 @@ def of_cameras(trial, change):
 def own(tmp_path_factory, poses):
     """Images, model, camera and poses as a user has them."""
     folder = tmp_path_factory.mktemp("own")
-    shutil.copytree(TRIAL / "frames", folder / "frames")
-    for name in ("model.obj", "camera.toml"):
-        shutil.copy(TRIAL / name, folder / name)
+    own_images(folder)
     write_tum(poses, folder / "poses.tum")
     (folder / "own.toml").write_text(SUITE)
     return folder
